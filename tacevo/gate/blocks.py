@@ -18,7 +18,7 @@ from tacevo.gate.tags import LEADING, code_after_tags, code_before_tags, is_tagg
 MOST_PARSED = 1_000_000
 #: How many blocks of code an answer may have; the recorded ones have up to 3.
 MOST_BLOCKS = 100
-_CODE_START = re.compile(rf"{LEADING}(?:{STATEMENT}|[A-Z][A-Z0-9_]*\s*=)")
+_CODE_START = re.compile(rf"{LEADING}(?:{STATEMENT}|[A-Z][A-Z0-9_]*\s*=|[A-Z]\w*\s*=\s*[A-Z]\w*\s*$)")
 _CONTINUATION = re.compile(r"[#)\]}]")
 #: How a line begins, or what it is as a whole, that is code and no sentence, whether or not it parses.
 _CODE = re.compile(

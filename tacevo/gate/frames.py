@@ -102,8 +102,8 @@ def _goes_on_quoted(lines: Sequence[str], at: int) -> bool:
 
 
 def _without_prompts(text: str, name: str) -> str:
-    """Turn sessions into the code that was typed, if one of them states the class."""
-    if not re.search(rf"^(?: {{0,3}}>>>| *In \[\d+\]:)[ \t]+class[ \t]+{re.escape(name)}\b", text, re.MULTILINE):
+    """Turn sessions into the code that was typed, if one of them states a class at its beginning."""
+    if not re.search(r"^(?: {0,3}>>>| *In \[\d+\]:)[ \t]+class\b", text, re.MULTILINE):
         return text
     kept: list[str] = []
     lines, at = text.split("\n"), 0
@@ -114,7 +114,7 @@ def _without_prompts(text: str, name: str) -> str:
             continue
         end = next((i for i in range(at, len(lines)) if _ends_session(lines, i)), len(lines))
         for typed in _typed(lines[at:end]):
-            is_example = re.search(rf"\b{re.escape(name)}\b", typed) and not re.search(r"^class\b", typed, re.MULTILINE)
+            is_example = re.search(rf"\b{re.escape(name)}\b", typed) and not _gives_class(typed, name)
             kept += [""] if is_example else [*typed.split("\n"), ""]
         at = end
     return "\n".join(kept)
@@ -205,9 +205,16 @@ def _cells(value: object, name: str, depth: int = 0) -> list[str]:
     return [cell for cells in found for cell in cells]
 
 
+def _gives_class(text: str, name: str) -> bool:
+    """Return whether a text states the class, or gives its name to another one."""
+    name = re.escape(name)
+    forms = rf"class[ \t]+{name}\b.*\n|{name}[ \t]*(?::[^=\n]*)?=[ \t]*\w+[ \t]*$"
+    return re.search(rf"^[ \t]*(?:{forms})", text, re.MULTILINE) is not None
+
+
 def _texts(text: str, name: str, depth: int) -> list[str]:
     """Find the sources in a text of JSON: the text itself, or what it holds if it is JSON again."""
-    if re.search(rf"^[ \t]*class[ \t]+{re.escape(name)}\b.*\n", text, re.MULTILINE):
+    if _gives_class(text, name):
         return [text.replace("\r\n", "\n")]
     if name not in text or text.lstrip()[:1] not in ("{", "["):
         return []

@@ -14,7 +14,6 @@ from tacevo.gate.names import names_of
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
 
-
 #: How layers are called that are imported by their names, and what is a loss and no layer.
 _LAYER = re.compile(
     r"Conv|Linear|Bilinear|Sequential|Module|Parameter|(?:Batch|Layer|Group)Norm|\w*(?:Pool|ReLU|GELU|SiLU)"

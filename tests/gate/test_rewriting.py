@@ -33,6 +33,7 @@ def found(text: str) -> Extracted:
         f"It's this:\n\n{NET}\n{NAME} = TactileNet\n\nIt's small.",
         fenced(f"{NET}\n\n{NAME}: type = TactileNet  # as asked\n"),
         f"{fenced(NET)}\nNamed as asked:\n{fenced(f'{NAME} = TactileNet{chr(10)}')}",
+        f"The class:\n\n{NET}\nNamed as asked:\n\n{NAME} = TactileNet\n\nIt's small.",
         f"{fenced(NET)}\nUse:\n{fenced(f'{NAME} = TactileNet{chr(10)}net = {NAME}(){chr(10)}')}",
         f"You gave:\n{fenced(VALID.replace('4', '6'))}\nNow:\n{fenced(f'{NET}{chr(10)}{NAME} = TactileNet{chr(10)}')}",
     ],

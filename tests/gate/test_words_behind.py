@@ -53,11 +53,11 @@ HONEST = {
     ),
     "trainer of an argument": fenced(
         f"class {NAME}Module(pl.LightningModule):\n    def __init__(self, net):\n        super().__init__()\n"
-        "        self.net = net\n        self.f1 = F1Score()\n\n    def forward(self, x):\n        return self.net(x)\n\n"
+        "        self.net = net\n        self.f1 = F1Score()\n\n    def forward(self, x):\n        return self.net(x)\n"
         "    def training_step(self, batch, index):\n        return F.cross_entropy(self(batch[0]), batch[1])\n"
     ),
     "subclass with a loss": fenced(
-        f"class Lit{NAME}({NAME}):\n    def __init__(self):\n        super().__init__()\n        self.loss = nn.MSELoss()\n"
+        f"class Lit{NAME}({NAME}):\n    def __init__(self):\n        super().__init__()\n        self.a = nn.L1Loss()\n"
     ),
     "wrapper of an argument": fenced(
         f"class {NAME}Export(nn.Module):\n    def __init__(self, net):\n        super().__init__()\n"
