@@ -17,6 +17,7 @@ from analysis.statistics.effects import LEVEL
 from tacevo.costs import Spending, total
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, trained_networks, training_flops
+from tacevo.gate.likeness import is_same_network
 from tacevo.records import Operator, Stage
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import DIGITS
@@ -44,8 +45,8 @@ _LINE = (
 #: answers that were rejected, by stage; niches, or places, that are occupied after it; how many more these are than
 #: before (below 0 where moved bounds made niches fall together); candidates that found their niche empty, and that beat
 #: its elite; niches that emptied as bounds moved, less those that filled so; slots whose evaluation an earlier slot had
-#: asked for, and whose source is a parent's, to the letter; what its answers cost, missing unless that is known of
-#: every answer; and the hypervolume in loss and FLOPs so far (`analysis.runs.pareto`).
+#: asked for, and whose network is a parent's (`copies`); what its answers cost, missing unless that is known of every
+#: answer; and the hypervolume in loss and FLOPs so far (`analysis.runs.pareto`).
 GENERATIONS = (
     _LINE
     | {f"rejected_{stage}": "int64" for stage in Stage}
@@ -101,13 +102,29 @@ def repeats(run: RecordedRun) -> frozenset[str]:
 
 
 def copies(run: RecordedRun) -> frozenset[str]:
-    """Find the candidates whose source equals that of one of their parents, by id."""
-    sources = {candidate.id: candidate.source for candidate in run.candidates}
+    """Find the candidates that are the network of one of their parents, by id.
+
+    They may be written with other comments, docstrings or layout. A source whose file is missing, or was edited, is
+    compared with none but those of its hash.
+    """
+    known = {candidate.id: candidate for candidate in run.candidates}
     return frozenset(
         candidate.id
         for candidate in run.candidates
-        if candidate.source is not None and candidate.source in {sources.get(parent) for parent in candidate.parents}
+        if candidate.source is not None
+        and any(_is_copy(run, candidate, known[parent]) for parent in candidate.parents if parent in known)
     )
+
+
+def _is_copy(run: RecordedRun, child: CandidateLine, parent: CandidateLine) -> bool:
+    """Return whether two candidates are one network; those of unlike profiles are not, and their texts are not read."""
+    if child.source == parent.source:
+        return True
+    if parent.source is None or (child.parameters, child.flops) != (parent.parameters, parent.flops):
+        return False
+    texts = [run.directory.read_checked(line.id, line.source) for line in (child, parent)]
+    first, second = (None if is_edited or text is None else text.decode() for text, is_edited in texts)
+    return first is not None and second is not None and is_same_network(first, second)
 
 
 def by_prompt(run: RecordedRun) -> pd.DataFrame:

@@ -70,7 +70,7 @@ def generations_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table
             "Archive median: of the elites after the generation; median of new: of its own trained candidates. "
             "Lost: niches that emptied as bounds moved, less those that filled so.",
             "In generation 0 the baseline has one of the slots, and counts as a candidate here.",
-            "Repeated: the same source was evaluated before; unchanged: the answer is its parent.",
+            "Repeated: the same source was evaluated before; unchanged: the answer is a parent, words aside.",
             *unsent,
         ),
     )

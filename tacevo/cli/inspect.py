@@ -58,7 +58,8 @@ def _check(options: argparse.Namespace) -> int:
 
 def _words(verdict: dict[str, Json]) -> str:
     if verdict["verdict"] == "admitted":
-        return f"{verdict['file']}: admitted, {verdict['parameters']:,} parameters"
+        changed = f"; {verdict['detail']}" if verdict["detail"] else ""
+        return f"{verdict['file']}: admitted, {verdict['parameters']:,} parameters{changed}"
     return f"{verdict['file']}: rejected at {verdict['stage']}: {verdict['reason']}: {verdict['detail']}"
 
 

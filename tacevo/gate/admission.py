@@ -6,6 +6,7 @@ courtesy, the sandbox is the wall.
 """
 
 import contextlib
+import hashlib
 import re
 from dataclasses import dataclass
 from typing import Self
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.choices import Numerics
-from tacevo.gate.extraction import extract, first_look
+from tacevo.gate.extraction import extract, extracted, first_look
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy.check import rejection_of
 from tacevo.profile import Admitted, Profile
@@ -25,8 +26,9 @@ from tacevo.sandbox.protocol import one_line
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict, recall_verdict
 
-#: The first number of static rules by which a given network that is repeated before other code is no answer.
-_GIVEN_SINCE = 3
+#: The first number of static rules by which a given network that is repeated before other code is no answer, and the
+#: first by which a verdict's key holds what was asked.
+_GIVEN_SINCE, _ASKED_SINCE = 3, 4
 #: The first number of probes that show a network images of the data set.
 _SHOWN_SINCE = 7
 #: How many of them.
@@ -107,12 +109,28 @@ class Gate:
             "contract": to_json(self.contract),
             "limit": self.source_bytes,
         }
+        if asked and self.rules.static >= _ASKED_SINCE:  # the hash, not the networks in it: those take a parser
+            request["asked"] = hashlib.sha256(asked.encode(errors="replace")).hexdigest()
         # Python 3.12 parses text that 3.11 does not: a replay that judged again could differ from its recording.
-        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion, own=True))
-        if isinstance(source, str) and self.rules.static >= _GIVEN_SINCE and _squeezed(source) in _squeezed(asked):
+        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion, asked))
+        if isinstance(source, str) and self._was_given(source, asked):
             again: dict[str, Json] = {**request, "own": False}
-            source = recall_verdict(self.answers, again, str, "source", lambda: self._extract(completion, own=False))
+            source = recall_verdict(self.answers, again, str, "source", lambda: self._extract(completion, asked))
         return source if isinstance(source, Rejection) else self.measure(source)
+
+    def notes(self, completion: Completion, asked: str = "") -> tuple[str, ...]:
+        """Say what of an answer was changed, so that the policy could let it pass; empty where nothing was.
+
+        It reads the answer again, by the current rules: no verdict depends on it.
+        """
+        if first_look(completion, limit=self.source_bytes) is not None:
+            return ()
+        found = extracted(completion, self.contract, asked)
+        return () if isinstance(found, Rejection) else found.notes
+
+    def _was_given(self, source: str, asked: str) -> bool:
+        """Return whether the rules have a verdict of its own on an answer whose source was given, which is replayed."""
+        return _GIVEN_SINCE <= self.rules.static < _ASKED_SINCE and _squeezed(source) in _squeezed(asked)
 
     def inspect(self, source: str) -> Admitted | Rejection:
         """Judge a text that is source already, and that no model wrote: a task's baseline; raises as `admit` does.
@@ -140,8 +158,8 @@ class Gate:
         verdict = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
         return verdict if isinstance(verdict, Rejection) else Admitted(source=source, profile=verdict)
 
-    def _extract(self, completion: Completion, *, own: bool) -> str | Rejection:
-        source = extract(completion, self.contract, own=own)
+    def _extract(self, completion: Completion, asked: str) -> str | Rejection:
+        source = extract(completion, self.contract, asked)
         return source if isinstance(source, Rejection) else rejection_of(source, self.contract) or source
 
     def _asked(self, source: str) -> dict[str, Json]:

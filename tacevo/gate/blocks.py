@@ -1,6 +1,7 @@
 """Cutting a model's answer into blocks of code."""
 
 import ast
+import keyword
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -17,8 +18,24 @@ from tacevo.gate.tags import LEADING, code_after_tags, code_before_tags, is_tagg
 MOST_PARSED = 1_000_000
 #: How many blocks of code an answer may have; the recorded ones have up to 3.
 MOST_BLOCKS = 100
-_CODE_START = re.compile(rf"{LEADING}(?:{STATEMENT}|[A-Z][A-Z0-9_]*\s*=)")
+_CODE_START = re.compile(rf"{LEADING}(?:{STATEMENT}|[A-Z][A-Z0-9_]*\s*=|[A-Z]\w*\s*=\s*[A-Z]\w*\s*$)")
 _CONTINUATION = re.compile(r"[#)\]}]")
+#: How a line begins, or what it is as a whole, that is code and no sentence, whether or not it parses.
+_CODE = re.compile(
+    r"""[ \t]*(?:@\w|(?:def|class)\s+\w+\s*(?:[(:\[]|$)|(?:import|from)\s+[\w.]+|return\b|raise\b|del\s
+    |self\.|super\(|[\w.\[\]'", ]+(?:[-+*/%@&|^]|//|\*\*)?=(?!=)|[\w.]+\((?:.*\))?\s*(?:\#.*)?$|[)\]}]|['"]{3}
+    |(?:if|for|while|with|try|else|elif|except|finally|match|case)\b.*:\s*$)""",
+    re.VERBOSE,
+)
+
+
+#: A word of Python, which may stand beside another word in code.
+_KEYWORDS = "|".join([*keyword.kwlist, "match", "case", "type", "print"])
+_TWO_WORDS = re.compile(rf"\b(?!(?:{_KEYWORDS}|\d+)\b)\w+[ ]+(?!(?:{_KEYWORDS})\b)[A-Za-z]\w*")
+#: What is not looked at to find two words: arguments, strings and comments.
+_ASIDE = re.compile(r"\(.*\)|\(.*|\"[^\"]*\"|'[^']*'|#.*")
+#: A command of a notebook or a shell.
+_COMMAND = re.compile(r"[ \t]*(?:!\w|%%?\w|\$[ \t])")
 
 
 class TooComplexError(Exception):
@@ -54,8 +71,12 @@ class CodeBlock:
     parsed: ast.Module | Problem
     #: Whether something after the block shows that the model had finished it.
     closed: bool
-    #: Number of the line of the answer that follows it.
+    #: Numbers of its first line in the answer, and of the line that follows it.
+    start: int
     end: int
+    #: What was changed in it, as a person would say it, and the name that its class had.
+    notes: tuple[str, ...] = ()
+    was: str = ""
 
 
 def trimmed(text: str) -> str:
@@ -84,13 +105,42 @@ def blocks_of(text: str, parser: BlockParser) -> list[CodeBlock]:
 
 
 def _fenced(part: Part, parser: BlockParser) -> Iterator[CodeBlock]:
-    """Read what stands between two fences: one block, unless a tag keeps it from being parsed."""
+    """Read what stands between two fences: one block, unless a tag or a sentence keeps it from being parsed."""
     text = trimmed("\n".join(part.lines))
     parsed = parser.parse(text)
-    if isinstance(parsed, Problem) and any(map(is_tagged, part.lines)):
-        yield from _stretches(part, parser)
-    else:
-        yield CodeBlock(text, parsed, part.closed, part.first + len(part.lines))
+    if isinstance(parsed, Problem):
+        if any(map(is_tagged, part.lines)):
+            yield from _stretches(part, parser)
+            return
+        block = _between_sentences(part, parser)
+        if block is not None:
+            yield block
+            return
+    yield CodeBlock(text, parsed, part.closed, part.first, part.first + len(part.lines))
+
+
+def is_code(line: str) -> bool:
+    """Return whether a line is code, whether or not it parses."""
+    return _COMMAND.match(line) is not None or (_CODE.match(line) is not None and not is_sentence(line))
+
+
+def is_sentence(line: str) -> bool:
+    """Return whether a line has two words side by side, which code has not."""
+    return _TWO_WORDS.search(_ASIDE.sub(" ", line)) is not None
+
+
+def _between_sentences(part: Part, parser: BlockParser) -> CodeBlock | None:
+    """Read code with sentences before or behind it, as where a fence was never closed; None where it is not so."""
+    lines = list(part.lines)
+    start = next((at for at, line in enumerate(lines) if _CODE_START.match(line)), len(lines))
+    if any(map(is_code, lines[:start])):
+        return None
+    end, parsed = _parsable(lines, start, parser) if start < len(lines) else (start, None)
+    if parsed is None or any(map(is_code, lines[end:])):
+        return None
+    closed = part.closed or any(line.strip() for line in lines[end:])
+    text = _statements(trimmed("\n".join(lines[start:end])), parsed)
+    return CodeBlock(text, parsed, closed, part.first + start, part.first + end)
 
 
 def _stretches(part: Part, parser: BlockParser) -> Iterator[CodeBlock]:
@@ -110,7 +160,7 @@ def _stretches(part: Part, parser: BlockParser) -> Iterator[CodeBlock]:
             text = trimmed("\n".join(lines[start:end]))
             is_ended = lines[end - 1] != part.lines[end - 1]
             closed = part.closed or is_ended or any(line.strip() for line in lines[end:])
-            yield CodeBlock(_statements(text, parsed), parsed, closed, part.first + end)
+            yield CodeBlock(_statements(text, parsed), parsed, closed, part.first + start, part.first + end)
         start = max(end, start + 1)
 
 

@@ -4,31 +4,39 @@ The rules, in order:
 
 1. An answer that is too long, refused, missing or blank is rejected before anything is parsed.
 2. If the whole answer is Python that defines the class, it is the source.
-3. Otherwise its thoughts are left out first (`tacevo.gate.tags`). One that is not closed leaves no answer.
+3. Otherwise signs around its lines, JSON and notebooks are opened (`tacevo.gate.frames`), and its thoughts are left out
+   (`tacevo.gate.tags`). A thought that is not closed leaves no answer.
 4. The rest is cut into blocks: what stands between fences that are marked as Python or not marked at all
    (`tacevo.gate.fences`), and elsewhere the longest stretches of lines that start like code and parse
-   (`tacevo.gate.blocks`). Tags and marks around code do not belong to it.
-5. The last block that has the class counts, whether it parses or not: a model that shows two versions means the later
-   one. Where a whole class stands in the answer, an excerpt does not count. A later version in a form that cannot be
-   used leaves no answer (`tacevo.gate.versions`).
-6. Blocks that bind a name at their top level which the source uses but does not bind are put before it. Statements at
+   (`tacevo.gate.blocks`). Tags, labels and sentences around code do not belong to it.
+5. Some forms that mean the same are written in a form that the policy lets pass (`tacevo.gate.rewriting`); the source
+   begins with a comment that says so.
+6. The last block that has the class counts, whether it parses or not: a model that shows two versions means the later
+   one. A copy of a network that the model was given does not count beside another version, nor does an excerpt beside a
+   whole class. A later version in a form that cannot be used leaves no answer (`tacevo.gate.versions`).
+7. Blocks that bind a name at their top level which the source uses but does not bind are put before it. Statements at
    the top level that consist of names are dropped (`tacevo.gate.joining`).
-7. A text that binds the class's name twice is ambiguous, because Python would silently keep the last.
-8. An answer that was cut off counts only if something after its last class statement shows that the class was finished.
-9. An answer of more than 100 blocks, or one that takes more than 1,000,000 characters of parsing, is too complex.
+8. A text that binds the class's name twice is ambiguous, because Python would silently keep the last.
+9. An answer that was cut off counts only if something after its last class statement shows that the class was finished.
+10. An answer of more than 100 blocks, or one that takes more than 1,000,000 characters of parsing, is too complex.
 """
 
 import ast
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from tacevo.gate.blocks import BlockParser, CodeBlock, TooComplexError, blocks_of, trimmed
 from tacevo.gate.fences import FenceKind, parts_of
+from tacevo.gate.frames import unframed, without_here_documents
 from tacevo.gate.joining import ParsedCode, class_statements, future_first, parts_of_network
+from tacevo.gate.likeness import repeats
+from tacevo.gate.lines import lines_of, names
 from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
+from tacevo.gate.rewriting import rewritten, without_stars
 from tacevo.gate.tags import mentions_thought, without_thoughts
-from tacevo.gate.versions import completeness, has_class, later_version
+from tacevo.gate.versions import Known, completeness, goes_on, has_class, later_version, may_go_on
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that was cut off, by its token limit or the end of the model's context, or that may be.
@@ -42,25 +50,42 @@ _UNANSWERED = {
 }
 
 
-def extract(completion: Completion, contract: Contract, *, own: bool = True) -> str | Rejection:
-    """Find the source text in an answer that `first_look` lets pass.
+@dataclass(frozen=True, slots=True)
+class Extracted:
+    """What an answer holds."""
+
+    #: It parses and defines the class once: newlines normalised, dedented, ending with one newline.
+    source: str
+    #: What was changed in it, as a person would say it; the source begins with a comment for each.
+    notes: tuple[str, ...] = ()
+
+
+def extract(completion: Completion, contract: Contract, asked: str = "") -> str | Rejection:
+    """Find the source text in an answer that `first_look` lets pass; see `extracted`."""
+    found = extracted(completion, contract, asked)
+    return found if isinstance(found, Rejection) else found.source
+
+
+def extracted(completion: Completion, contract: Contract, asked: str = "") -> Extracted | Rejection:
+    """Find the source text in an answer that `first_look` lets pass, and say what was changed in it.
 
     Args:
         completion: the answer.
         contract: names the class.
-        own: whether the source would be the model's own; one that it was given is no answer where other code follows.
+        asked: what the model was asked, with the networks that it was given; empty where that is not known. A copy of
+            one of them does not count beside another version, and alone it is no answer where other code stands by it.
 
     Returns:
-        Source that parses and defines the contract's class once: newlines normalised, dedented, ending with one
-        newline; or a rejection at stage `extract`.
+        The source; or a rejection at stage `extract`.
     """
+    cut_off = completion.stop_reason in CUT_OFF
     try:
-        source = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF, own)
+        found = _choose(_normalised(completion.text), contract.class_name, cut_off, _normalised(asked))
     except TooComplexError as error:
         return _rejected(Reason.too_complex, str(error))
     except RecursionError:  # no parser's, but of what compares statements that are nested a thousand deep
         return _rejected(Reason.too_complex, "expressions are nested too deeply to be compared; simplify them")
-    return _rejected(source.reason, source.detail) if isinstance(source, Problem) else source
+    return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
 
 
 def as_whole(text: str) -> str:
@@ -94,21 +119,106 @@ def _normalised(text: str) -> str:
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _choose(text: str, name: str, cut_off: bool, own: bool) -> str | Problem:
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    """An answer that is read."""
+
+    #: Without what stands around code and without thoughts.
+    text: str
+    blocks: Sequence[CodeBlock]
+    #: The networks that the model was given.
+    given: Sequence[ParsedCode]
+    #: Of the class.
+    name: str
+    parser: BlockParser
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """A source text with its tree, and what was changed in it."""
+
+    text: str
+    tree: ast.Module
+    notes: tuple[str, ...]
+
+
+def _choose(text: str, name: str, cut_off: bool, asked: str) -> Extracted | Problem:
     """Pick the source among the blocks of an answer, as the module's rules say."""
-    parser = BlockParser()
-    answer, blocks = _read(text, name, parser)
-    versions = [block for block in blocks if has_class(block, name)]
-    if cut_off and not _is_closed(answer, versions, name):
+    answer = _answer(text, name, asked)
+    versions = _versions(answer)
+    if cut_off and not _is_closed(answer.text, versions, name):
         return Problem(Reason.truncated, f"the answer was cut off before class {name} was complete")
-    shares = [completeness(block, name) for block in versions]
+    copies = [block for block in versions if _is_copy(block.parsed, answer)]
+    candidates = [block for block in versions if not any(block is copy for copy in copies)]
+    if not any(completeness(block, name) == 2 for block in candidates):
+        candidates = versions
+    shares = [completeness(block, name) for block in candidates]
     if not any(shares):
-        return _explain(answer, versions, blocks, name, parser)
-    chosen = versions[max(range(len(versions)), key=lambda i: (shares[i], i))]
-    source = _source(chosen, blocks, name, parser)
+        return _explain(answer, versions)
+    chosen = candidates[max(range(len(shares)), key=lambda i: (shares[i], i))]
+    source = _source(chosen, answer)
     if isinstance(source, Problem):
         return source
-    return later_version(_behind(answer, chosen), source.tree, name, parser, own=own) or source.text
+    problem = _other_version(answer, source, chosen, copies)
+    said = "".join(f"# tacevo: {note}\n" for note in source.notes)
+    return problem or Extracted(said + source.text, source.notes)
+
+
+def _answer(text: str, name: str, asked: str) -> _Answer:
+    """Read an answer; what was given matters where there is more in it than one block."""
+    parser = BlockParser()
+    rest, read = _read(text, name, parser)
+    blocks = rewritten(read, name, parser)
+    has_more = len(blocks) > 1 or any(may_go_on(_beside(rest, [block]), name) for block in blocks)
+    return _Answer(rest, blocks, _given(asked, name) if has_more else [], name, parser)
+
+
+def _given(asked: str, name: str) -> list[ParsedCode]:
+    """List the networks that a question gives; what takes too much work to read gives none."""
+    if name not in asked:
+        return []
+    try:
+        blocks = blocks_of(asked, BlockParser())
+    except TooComplexError:
+        return []
+    codes = [ParsedCode(block.text, block.parsed) for block in blocks if isinstance(block.parsed, ast.Module)]
+    return [code for code in codes if class_statements(code.tree, name)]
+
+
+def _is_copy(parsed: ast.Module | Problem, answer: _Answer) -> bool:
+    """Return whether a text is a copy of a network that was given."""
+    return isinstance(parsed, ast.Module) and any(repeats(parsed, code.tree, answer.name) for code in answer.given)
+
+
+def _other_version(answer: _Answer, source: _Source, chosen: CodeBlock, copies: Sequence[CodeBlock]) -> Problem | None:
+    """Find what shows that the model meant another network: behind the source, and beside one that is a copy."""
+    is_copy = _is_copy(source.tree, answer)
+    text = _beside(answer.text, [chosen, *copies]) if is_copy else _behind(answer.text, chosen)
+    if not (may_go_on(text, answer.name) if is_copy else names(text, answer.name)):
+        return None
+    written = "\n".join(answer.text.split("\n")[chosen.start : chosen.end])
+    known = Known.of([ParsedCode(source.text, source.tree), *answer.given], written=written, was=chosen.was)
+    problem = later_version(text, known, answer.name, answer.parser)
+    return problem or (goes_on(text, known, answer.name, answer.parser) if is_copy else None)
+
+
+def _versions(answer: _Answer) -> list[CodeBlock]:
+    """List the blocks that have the class."""
+    versions: list[CodeBlock] = []
+    known = set[str]().union(*(lines_of(code.text) for code in answer.given))
+    for block in answer.blocks:
+        if has_class(block, answer.name, known):
+            versions.append(block)
+            known |= lines_of(block.text) if isinstance(block.parsed, ast.Module) else set()
+    return versions
+
+
+def _beside(text: str, blocks: Sequence[CodeBlock]) -> str:
+    """Return an answer without some of its blocks."""
+    lines = text.split("\n")
+    for block in blocks:
+        lines[block.start : block.end] = [""] * (block.end - block.start)
+    return "\n".join(lines)
 
 
 def _behind(answer: str, chosen: CodeBlock) -> str:
@@ -123,10 +233,12 @@ def _behind(answer: str, chosen: CodeBlock) -> str:
 
 def _read(text: str, name: str, parser: BlockParser) -> tuple[str, list[CodeBlock]]:
     """Return an answer without its thoughts, and its blocks: all of it, if that is Python and defines the class."""
+    text = without_here_documents(text)
     whole = trimmed(text)
     parsed = parser.parse(whole)
     if isinstance(parsed, ast.Module) and class_statements(parsed, name):
-        return text, [CodeBlock(whole, parsed, closed=False, end=text.count("\n") + 1)]
+        return text, [CodeBlock(whole, parsed, closed=False, start=0, end=text.count("\n") + 1)]
+    text = unframed(text, name)
     answer = without_thoughts(text, _lines_of_code(text, parser)) if mentions_thought(text) else text
     return answer, blocks_of(answer, parser)
 
@@ -157,36 +269,42 @@ def _mentions(text: str, name: str) -> list[re.Match[str]]:
     return list(re.finditer(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE))
 
 
-def _source(chosen: CodeBlock, blocks: Sequence[CodeBlock], name: str, parser: BlockParser) -> ParsedCode | Problem:
+def _source(chosen: CodeBlock, answer: _Answer) -> _Source | Problem:
     """Join a block with the class and those that it lacks, and check that they bind the class's name exactly once."""
     if isinstance(chosen.parsed, Problem):
         return chosen.parsed
-    others = [block for block in blocks if block is not chosen]
-    codes = [ParsedCode(block.text, block.parsed) for block in others if isinstance(block.parsed, ast.Module)]
-    parts = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, name)
+    others = [(block, block.parsed) for block in answer.blocks if block is not chosen]
+    parsed = [(block, ParsedCode(block.text, tree)) for block, tree in others if isinstance(tree, ast.Module)]
+    codes = [code for _, code in parsed]
+    parts, places = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, answer.name)
     text = "\n\n".join(parts)
-    tree = chosen.parsed if text == chosen.text else parser.parse(text)
+    tree = chosen.parsed if text == chosen.text else answer.parser.parse(text)
     if isinstance(tree, Problem):
         return tree
-    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if bound_by(node) == name]
+    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if bound_by(node) == answer.name]
     if len(lines) > 1:
-        where = ", ".join(map(str, lines))
-        return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
-    return ParsedCode((text if len(parts) == 1 else future_first(ParsedCode(text, tree))) + "\n", tree)
+        detail = f"expected one definition of {answer.name}; got {len(lines)}, on lines {', '.join(map(str, lines))}"
+        return Problem(Reason.ambiguous, detail)
+    notes = [note for block in (*(parsed[place][0] for place in places), chosen) for note in block.notes]
+    spelt, changes = without_stars(ParsedCode(text, tree))
+    tree = answer.parser.parse(spelt) if changes else tree
+    if isinstance(tree, Problem):
+        return tree
+    joined = spelt if len(parts) == 1 else future_first(ParsedCode(spelt, tree))
+    return _Source(joined + "\n", tree, tuple(dict.fromkeys([*notes, *changes])))
 
 
-def _explain(
-    text: str, versions: Sequence[CodeBlock], blocks: Sequence[CodeBlock], name: str, parser: BlockParser
-) -> Problem:
+def _explain(answer: _Answer, versions: Sequence[CodeBlock]) -> Problem:
     """Return why no block has the whole class."""
-    if versions:
-        return Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
-    trees = [block.parsed for block in blocks if isinstance(block.parsed, ast.Module)]
+    name = answer.name
+    trees = [block.parsed for block in answer.blocks if isinstance(block.parsed, ast.Module)]
     classes = sorted({node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef)})
+    if versions or name in classes:
+        return Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
     if classes:
         return Problem(Reason.no_class, f"expected a class {name}; got {', '.join(classes)}")
-    for mention in _mentions(text, name)[-1:]:
-        parsed = parser.parse(trimmed(text[mention.start() :]))
+    for mention in _mentions(answer.text, name)[-1:]:
+        parsed = answer.parser.parse(trimmed(answer.text[mention.start() :]))
         if isinstance(parsed, Problem):
             return parsed
     return Problem(Reason.no_class, f"expected a class {name}; got no Python class")

@@ -12,7 +12,7 @@ STATEMENT = r"(?:@\w|class\s+\w+\s*(?:[(:]|$)|def\s+\w+\s*\(|import\s+\w|from\s+
 #: What stands before the sign of a fence, the sign, and what stands behind it.
 _FENCE = re.compile(r"([^`~]*)(`{3,}|~{3,})([^`]*)")
 _LANGUAGE = re.compile(r"[{.]*(\w*)[ \t]*(.*)")
-_PYTHON = {"", "py", "python", "python3", "py3", "ipython", "pytorch"}
+_PYTHON = {"", "py", "python", "python3", "py3", "ipython", "pycon", "pytorch"}
 #: Languages of what is read as if no fence stood around it: it may be sentences or code.
 _TEXT = {"text", "plaintext", "txt", "plain"}
 _QUOTES = re.compile("\"\"\"|'''")

@@ -1,15 +1,21 @@
 """Joining the block of an answer that has the class with the blocks that have what it lacks."""
 
 import ast
+import builtins
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from tacevo.gate.names import Names, names_of
 from tacevo.gate.policy.allowed import PROVIDED
 
-#: What Python takes words for that are not code: `python`, `Sure,`, `net.py`, `Two-stage`, `Version-2`.
-_WORDS = (ast.Name, ast.Attribute, ast.Tuple, ast.Constant, ast.BinOp, ast.UnaryOp, ast.BoolOp)
-_SIGNS = (ast.operator, ast.unaryop, ast.boolop, ast.expr_context)
+#: What Python takes words for that are not code: `python`, `Sure,`, `net.py`, `Two-stage`, `Version-2`; a label such as
+#: `[PYTHON]` or `{code:python}`; the first line of a here-document, `cat > net.py <<'END'`.
+_WORDS = (
+    *(ast.Name, ast.Attribute, ast.Constant, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare),
+    *(ast.Tuple, ast.List, ast.Set, ast.Dict),
+)
+_SIGNS = (ast.operator, ast.unaryop, ast.boolop, ast.cmpop, ast.expr_context)
+_BUILTINS = frozenset(dir(builtins))
 
 
 class ParsedCode(NamedTuple):
@@ -19,15 +25,20 @@ class ParsedCode(NamedTuple):
     tree: ast.Module
 
 
-def parts_of_network(chosen: ParsedCode, others: Sequence[ParsedCode], name: str) -> list[str]:
-    """Return the texts that a block lacks and its own text, in the order to run them, without words that are not code.
+def parts_of_network(chosen: ParsedCode, others: Sequence[ParsedCode], name: str) -> tuple[list[str], list[int]]:
+    """Join a block with those that have what it lacks.
 
     The others are in the order of the answer. Of another version of the class only the rest counts.
+
+    Returns:
+        The texts that the block lacks and its own, in the order to run them, without words that are not code; and the
+        places of those that it lacks.
     """
     dropped = [[*_words(code.tree), *class_statements(code.tree, name)] for code in others]
     names = [names_of(_kept(code.tree, gone)) for code, gone in zip(others, dropped, strict=True)]
     lacked = _lacked(names_of(chosen.tree.body), names, name) if names else []
-    return [*(_without(others[place], dropped[place]) for place in lacked), _without(chosen, _words(chosen.tree))]
+    texts = [*(without(others[place], dropped[place]) for place in lacked), without(chosen, _words(chosen.tree))]
+    return texts, lacked
 
 
 def _lacked(own: Names, others: Sequence[Names], name: str) -> list[int]:
@@ -40,8 +51,12 @@ def _lacked(own: Names, others: Sequence[Names], name: str) -> list[int]:
         for bound in names.bound - PROVIDED.keys() if name not in names.used_at_once else ():
             having.setdefault(bound, []).append(place)
     taken: set[int] = set()
+    known = {*having, *PROVIDED, *_BUILTINS, "annotations"}
     waiting = [*own.lacked, "annotations"]  # from __future__: it changes how the rest is read
     for lacked in waiting:  # grows while it is walked; each name is looked up once
+        if lacked not in known:
+            waiting.append("*")  # an import of everything may bring it
+            known |= {lacked, "*"}
         new = set(having.pop(lacked, ())) - taken
         taken |= new
         waiting += [other for place in new for other in others[place].lacked]
@@ -52,7 +67,7 @@ def future_first(code: ParsedCode) -> str:
     """Return a text with its imports from `__future__` before everything else, where Python wants them."""
     futures = [node for node in code.tree.body if isinstance(node, ast.ImportFrom) and node.module == "__future__"]
     lines = dict.fromkeys(map(ast.unparse, futures))
-    return "\n".join([*lines, _without(code, futures)])
+    return "\n".join([*lines, without(code, futures)])
 
 
 def class_statements(tree: ast.Module, name: str) -> list[ast.ClassDef]:
@@ -67,6 +82,8 @@ def _words(tree: ast.Module) -> list[ast.stmt]:
 
 def _is_words(node: ast.stmt) -> bool:
     match node:
+        case ast.Expr(value=ast.Call(func=ast.List())):  # a link: [net.py](net.py)
+            return True
         case ast.Expr(value=words) | ast.AnnAssign(target=ast.Name(), annotation=words, value=None):
             kinds = {type(part) for part in ast.walk(words)}
             return ast.Name in kinds and all(issubclass(kind, _WORDS + _SIGNS) for kind in kinds)
@@ -78,7 +95,7 @@ def _kept(tree: ast.Module, dropped: Iterable[ast.stmt]) -> list[ast.stmt]:
     return [node for node in tree.body if id(node) not in gone]
 
 
-def _without(code: ParsedCode, dropped: Sequence[ast.stmt]) -> str:
+def without(code: ParsedCode, dropped: Sequence[ast.stmt]) -> str:
     """Drop the lines of a text on which nothing else stands than these statements, and blank lines around the rest."""
     gone = {line for node in dropped for line in _lines_of(node)}
     gone -= {line for node in _kept(code.tree, dropped) for line in _lines_of(node)}

@@ -3,10 +3,12 @@
 import re
 from collections.abc import Container
 
-#: A tag such as `<code>` or `</answer>`, or a mark of a chat template such as `<|im_end|>` or `</s>`.
-_TAG = "(?:</?[A-Za-z][^<>\n]*>|<[|\uff5c][^<>\n]*[|\uff5c]>)"  # DeepSeek's bars are wide ones
-#: Indentation and the tags behind it.
-LEADING = rf"([ \t]*)(?:{_TAG}[ \t]*)*"
+#: A tag such as `<code>` or `</answer>`, a mark of a chat template such as `<|im_end|>` or `</s>`, a border of CDATA.
+_TAG = r"(?:</?[A-Za-z][^<>\n]*>|<[|\uff5c][^<>\n]*[|\uff5c]>|<!\[(?i:CDATA)\[|\]\]>)"  # DeepSeek's bars are wide ones
+#: A label such as `[PYTHON]`; only before code, because behind it `[WIDTH]` is an index.
+_LABEL = r"\[/?(?:[A-Z]{2}[A-Z_ ]*|python|code)\]"
+#: Indentation and the tags and labels behind it.
+LEADING = rf"([ \t]*)(?:(?:{_TAG}|{_LABEL})[ \t]*)*"
 _THOUGHT = r"(?:\w+:)?(?:think|thinking|thoughts?|reasoning|reflection)"
 #: The signs of a tag: `<think>`, the same written for HTML, Mistral's `[THINK]` and Kimi's `\u25c1think\u25b7`.
 _LEFT, _RIGHT = r"(?:<|&lt;|\u25c1)", r"(?:>|&gt;|\u25b7)"

@@ -2,27 +2,76 @@
 
 import ast
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence, Set
+from dataclasses import dataclass
+from typing import Self
 
-from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of
-from tacevo.gate.joining import class_statements
+from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of, trimmed
+from tacevo.gate.joining import ParsedCode, class_statements
+from tacevo.gate.likeness import meaning
+from tacevo.gate.lines import FOREIGN, headers, is_all_code, lines_of, names, plain, states_network, undecorated
 from tacevo.gate.names import names_of
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
 
-#: What quotes, numbers or marks a line of code: `>`, `>>>`, `|`, `+` of a diff, a number, a key of JSON.
-_DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
-#: The sign of a fence and its language, unless that is Python or a diff, which shows a part of a class.
-_LANGUAGE = r"^([ \t]*(?:`{3,}|~{3,}))[ \t]*(?!(?:diff|patch|i?py\w*)\b)\w[^`\n]*$"
-_HEADER = r"^[ \t]*(?:class|def)[ \t]+(\w+)[ \t]*[(:]|^[ \t]*self\.\w+[ \t]*="
+#: How layers are called that are imported by their names, and what is a loss and no layer.
+_LAYER = re.compile(
+    r"Conv|Linear|Bilinear|Sequential|Module|Parameter|(?:Batch|Layer|Group)Norm|\w*(?:Pool|ReLU|GELU|SiLU)"
+)
+_LOSS = re.compile(r"loss$|entropy|kl_div", re.IGNORECASE)
 
 
-def has_class(block: CodeBlock, name: str) -> bool:
-    """Return whether a block states the class; in text that does not parse, a line below must be indented."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """What is no other version where it stands beside the chosen one."""
+
+    #: The chosen version.
+    tree: ast.Module
+    #: The name of its class in the answer, if it is another one.
+    was: str
+    #: The `lines_of` it and of the networks that the model was given.
+    lines: Set[str]
+    #: The `statements_of` the same.
+    statements: Set[str]
+    #: What the bodies of their classes mean.
+    bodies: Set[object]
+
+    @classmethod
+    def of(cls, codes: Sequence[ParsedCode], *, written: str, was: str) -> Self:
+        """Collect what is known of the chosen version, the first code, as it is written, and of given networks."""
+        nodes = [node for code in codes for node in ast.walk(code.tree)]
+        return cls(
+            tree=codes[0].tree,
+            was=was,
+            lines=lines_of("\n".join([written, *(code.text for code in codes)])),
+            statements=frozenset().union(*(statements_of(code.tree) for code in codes)),
+            bodies={meaning(node.body) for node in nodes if isinstance(node, ast.ClassDef)},
+        )
+
+    def has(self, node: ast.ClassDef) -> bool:
+        """Return whether a class has nothing of its own: a copy if it is whole, else parts of what is known."""
+        methods = {item.name for item in node.body if isinstance(item, ast.FunctionDef)}
+        if {"__init__", "forward"} <= methods and _completeness_of_class(node, ast.Module([], [])) == 2:
+            return meaning(node.body) in self.bodies
+        return statements_of(node) <= self.statements
+
+
+def has_class(block: CodeBlock, name: str, known: Set[str] = frozenset()) -> bool:
+    """Return whether a block states the class.
+
+    A class with `call` or `__call__` in place of `forward` is one of another framework, as if it were another language.
+    Text that does not parse states the class with a statement of it at its end, or with statements of a network below
+    it that are not `known`, the `lines_of` other versions: an outline and a copy with remarks state nothing.
+    """
     if isinstance(block.parsed, ast.Module):
-        return bool(class_statements(block.parsed, name))
-    statement = rf"^([ \t]*)class[ \t]+{re.escape(name)}\b.*(?:\n[ \t]*)*(?:(?<=:)\Z|\n\1[ \t]+\S)"
-    return re.search(statement, block.text, re.MULTILINE) is not None
+        return not all(map(_is_foreign, class_statements(block.parsed, name)))
+    text = plain(block.text)
+    statement = rf"^([ \t]*)class[ \t]+{re.escape(name)}\b(.*)(?:\n[ \t]*)*(?:(?<=:)\Z|\n\1[ \t]+\S)"
+    found = re.search(statement, text, re.MULTILINE)
+    if found is None or FOREIGN.search(found[2]):
+        return False
+    below = text[found.start() :]
+    return found.end() == len(text) or states_network(below, name, known, methods=True) or is_all_code(below)
 
 
 def completeness(block: CodeBlock, name: str) -> int:
@@ -36,16 +85,44 @@ def completeness(block: CodeBlock, name: str) -> int:
         header = rf"^([ \t]*)(?:def[ \t]+forward|class[ \t]+{re.escape(name)})\b.*(?:\n[ \t]*)*"
         comments = r"\n[ \t]*#.*(?:\n[ \t]*(?:#.*)?)*(?=\n|\Z)(?!\n\1[ \t])"
         return 1 if re.search(header + comments, block.text, re.MULTILINE) else 2
-    return max(map(_completeness_of_class, class_statements(block.parsed, name)))
+    tree = block.parsed
+    return max(_completeness_of_class(node, tree) for node in class_statements(tree, name))
 
 
-def _completeness_of_class(node: ast.ClassDef) -> int:
+def _completeness_of_class(node: ast.ClassDef, tree: ast.Module) -> int:
     forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
-    bases = {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
-    if not forward and not bases - {"Module"}:
+    if not (forward or _bases(node) - {"Module"} or _assigns_forward(tree, node)):
         return 0
     is_stub = any(all(map(_computes_nothing, function.body)) for function in forward)
     return 1 if is_stub or any(map(_is_left_out, ast.walk(node))) else 2
+
+
+def _assigns_forward(tree: ast.Module, node: ast.ClassDef) -> bool:
+    """Return whether a class has `forward` by another statement than its own `def`: `forward = run`, for example."""
+    if "forward" in names_of(node.body).bound:
+        return True
+    return any(_sets_forward(part, "self") for part in ast.walk(node)) or any(
+        _sets_forward(part, node.name) for statement in tree.body for part in ast.walk(statement)
+    )
+
+
+def _sets_forward(node: ast.AST, owner: str) -> bool:
+    match node:
+        case ast.Attribute(value=ast.Name(id=name), attr="forward", ctx=ast.Store()):
+            return name == owner
+        case ast.Call(func=ast.Name(id="setattr"), args=[ast.Name(id=name), ast.Constant(value="forward"), _]):
+            return name == owner
+    return False
+
+
+def _is_foreign(node: ast.ClassDef) -> bool:
+    """Return whether a class is one of another framework than torch."""
+    bound = names_of(node.body).bound
+    return "forward" not in bound and bool(bound & {"call", "__call__"})
+
+
+def _bases(node: ast.ClassDef) -> set[str]:
+    return {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
 
 
 def _computes_nothing(node: ast.stmt) -> bool:
@@ -53,6 +130,8 @@ def _computes_nothing(node: ast.stmt) -> bool:
     match node:
         case ast.Pass() | ast.Raise() | ast.Expr(value=ast.Constant()) | ast.Return(value=None | ast.Constant()):
             return True
+        case ast.Assign(value=ast.Constant(value=value)):
+            return value is ...
     return False
 
 
@@ -61,72 +140,154 @@ def _is_left_out(node: ast.AST) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and node.value.value is ...
 
 
-def later_version(text: str, chosen: ast.Module, name: str, parser: BlockParser, *, own: bool) -> Problem | None:
+def later_version(text: str, chosen: Known, name: str, parser: BlockParser) -> Problem | None:
     """Find what shows that the model went on to another version of the class, in a form that cannot be used.
 
-    A version that could be used would have been chosen. This one does not parse, has code left out, is quoted,
-    numbered, a diff or JSON, or has another name. An excerpt of the chosen version has no statement of its own.
+    A version that could be used would have been chosen. This one does not parse, has code left out, is numbered, a diff
+    or a text of a program, has another name, or does not stand at the top level. What has nothing of its own is no
+    version: an excerpt of the chosen one, words about it, a test, a wrapper around it, another language.
 
-    The text is what stands behind the chosen version. `own` is as of `extract`: behind a network that was given, any
-    other class, function or layer is a version.
+    The text is what stands behind the chosen version.
 
     Raises:
         TooComplexError: reading it takes too much work.
     """
-    if own and name.lower() not in text.lower():
+    text = plain(text)
+    if not names(text, name):
         return None
-    plain, known = _undecorated(text, name), _statements(chosen)
-    header = rf"^[ \t]*class[ \t]+{re.escape(name)}[ \t]*[(:]"
-    for block in blocks_of(plain, parser):
-        if isinstance(block.parsed, Problem):
-            if re.search(header, block.text, re.MULTILINE) and completeness(block, name) == 2:
-                return block.parsed
-        elif any(not _statements(node) <= known for node in class_statements(block.parsed, name)):
-            return Problem(Reason.no_class, f"expected the whole of class {name}; got a later version of it in part")
-    bound = names_of(chosen.body).bound - {name}
-    if any(_is_renamed(plain, name, bound)) or (not own and _goes_on(plain, bound)):
+    bound = names_of(chosen.tree.body).bound - {name} | {chosen.was}
+    lines = text.split("\n")
+    for block in blocks_of(text, parser):
+        nodes = list(ast.walk(block.parsed)) if isinstance(block.parsed, ast.Module) else []
+        nodes += [part for node in nodes for part in _nodes_of_string(node, name, parser)]
+        for node in nodes:
+            if found := _found_in(node, name, bound, chosen):
+                return Problem(Reason.no_class, f"expected the last version of class {name} whole; got {found}")
+        if any(isinstance(node, ast.ClassDef) for node in nodes):
+            lines[block.start : block.end] = [""] * (block.end - block.start)
+    text = undecorated("\n".join(lines), name)
+    named = re.findall(rf"^[ \t]*{re.escape(name)}[ \t]*=[ \t]*(\w+|(?:torch\.)?nn\.\w+\(.*)$", text, re.MULTILINE)
+    if states_network(text, name, chosen.lines) or any(other not in bound | {name} for other in named):
         return Problem(Reason.no_class, f"expected class {name} in Python; got a later version in another form")
     return None
 
 
-def _undecorated(text: str, name: str) -> str:
-    """Return a text without what marks its lines, if it marks the class; and its fences as if they had no language."""
-    if re.search(rf"class[ \t]+{re.escape(name)}\b.*\\n", text):  # JSON
-        text = text.replace("\\n", "\n").replace('\\"', '"')
-    if re.search(rf"^{_DECORATION}[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE | re.IGNORECASE):
-        text = re.sub(rf"^{_DECORATION}", "", text, flags=re.MULTILINE)
-    return re.sub(_LANGUAGE, r"\1text", text, flags=re.MULTILINE)
+def _nodes_of_string(node: ast.AST, name: str, parser: BlockParser) -> Iterator[ast.AST]:
+    """Yield the nodes of a string that is Python and states the class."""
+    match node:
+        case ast.Constant(value=str(text)) if re.search(rf"\bclass[ \t]+{re.escape(name)}\b.*\n", text):
+            parsed = parser.parse(trimmed(text))
+            if isinstance(parsed, ast.Module):
+                yield from ast.walk(parsed)
 
 
-def _is_renamed(text: str, name: str, bound: Collection[str]) -> Iterator[bool]:
-    """Yield whether statements give the class's name, or one with it, to something else than a class of that name."""
-    name = re.escape(name)
-    # The name is looked for in each class's own: a pattern that looks for it there tries every place with every other.
-    network = rf"^[ \t]*(class)[ \t]+(\w+)[ \t]*(?:\([^)\n]*(?:Module|{name})|:)"
-    for word, other in re.findall(network, text, re.MULTILINE | re.IGNORECASE):
-        if re.search(name, other, re.IGNORECASE):
-            yield (word, other) != ("class", name) and other not in bound
-    for form in (
-        rf"^(?:def[ \t]+{name}[ \t]*\(|{name}[ \t]*=[^=])",
-        rf"^(?![ \t]*#|@@).*\S[ \t]*\bclass[ \t]+{name}\b.*:\s*\n[ \t]+(?:def\b|[\"'])",
-        rf"^([ \t]*)class[ \t]+{name}\b.*:\s*\n\1(?:def\b|super\b|#|[\"'])",
-    ):
-        yield re.search(form, text, re.MULTILINE) is not None
+def _found_in(node: ast.AST, name: str, bound: Collection[str], chosen: Known) -> str:
+    """Say which later version a node states; empty where it states none."""
+    found = ""
+    match node:
+        case ast.ClassDef() if node.name == name:
+            if not _is_foreign(node) and not chosen.has(node):
+                found = "one in part, or not at the top level"
+        case ast.ClassDef() if names(node.name, name) and node.name not in bound:
+            if _is_network(node, name) and not chosen.has(node):
+                found = f"one named {node.name}"
+        case ast.FunctionDef() if node.name == name:
+            found = "a function of that name"
+        case ast.Assign(value=value) | ast.AnnAssign(value=ast.expr() as value):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            if any(_is_name(it, name) for it in targets) and _is_network_value(value, name, bound):
+                found = "another one that is given its name"
+        case ast.Constant(value=str(words)) if name in words and states_network(words, name, chosen.lines):
+            found = "one in a string"
+    return found
 
 
-def _goes_on(text: str, bound: Collection[str]) -> bool:
-    text = re.sub(rf"^{_DECORATION}", "", text, flags=re.MULTILINE)
-    return any(other not in bound for other in re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE))
+def _is_name(node: ast.expr, name: str) -> bool:
+    return isinstance(node, ast.Name) and node.id == name
 
 
-def _statements(tree: ast.AST) -> set[str]:
-    """Collect what the statements of a text compute, without those that stand for code that is left out."""
+def _is_network_value(value: ast.expr, name: str, bound: Collection[str]) -> bool:
+    """Return whether the class's name is given to another network: not to a constant, nor to what is made of it."""
+    match value:
+        case ast.Name(id=other):
+            return other != name and other not in bound
+        case ast.Call() | ast.Lambda() | ast.Attribute():
+            return not any(isinstance(part, ast.expr) and _is_name(part, name) for part in ast.walk(value))
+    return False
+
+
+def _is_network(node: ast.ClassDef, name: str) -> bool:
+    """Return whether a class of another name may stand for the network: it turns one thing into another, by itself.
+
+    A test, settings and a data set have no `forward`; a loss takes more than one thing; what calls the class, or a
+    network that it is given, wraps it.
+    """
+    inside = [part for statement in node.body for part in ast.walk(statement)]
+    if any(isinstance(part, ast.Name) and part.id == name and not _is_of_super(part, inside) for part in inside):
+        return False
+    forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
+    if name in _bases(node):
+        return bool(forward) or _makes_layers(inside)
+    if any(len(item.args.args) - len(item.args.defaults) > 2 for item in forward):
+        return False
+    return "forward" in names_of(node.body).bound and _makes_layers(inside)
+
+
+def _is_of_super(node: ast.Name, inside: Collection[ast.AST]) -> bool:
+    calls = (part for part in inside if isinstance(part, ast.Call) and _is_name(part.func, "super"))
+    return any(argument is node for call in calls for argument in call.args)
+
+
+def _makes_layers(inside: Collection[ast.AST]) -> bool:
+    """Return whether code makes layers or calls the functions of torch: what a wrapper leaves to another class."""
+    for part in inside:
+        match part:
+            case ast.Call(func=ast.Attribute(value=ast.Name(id="nn" | "F") | ast.Attribute(attr="nn"), attr=layer)):
+                if not _LOSS.search(layer):
+                    return True
+            case ast.Call(func=ast.Name(id=layer)) if _LAYER.match(layer):
+                return True
+    return False
+
+
+def goes_on(text: str, chosen: Known, name: str, parser: BlockParser) -> Problem | None:
+    """Find code beside a network that was given, which shows that it is no answer; arguments as of `later_version`.
+
+    That is any other class, function or layer, and one of the network's own that is not as it was given.
+    """
+    bound = names_of(chosen.tree.body).bound - {name}
+    problem = Problem(Reason.no_class, f"expected class {name}; got one that was given, and parts of another")
+    for block in blocks_of(text, parser):
+        for node in ast.walk(block.parsed) if isinstance(block.parsed, ast.Module) else ():
+            is_of_it = isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name in bound
+            if is_of_it and not statements_of(node) <= chosen.statements:
+                return problem
+    return problem if any(other not in bound for other in headers(text)) else None
+
+
+def may_go_on(text: str, name: str) -> bool:
+    """Return whether a text has anything in which `later_version` or `goes_on` could find another version."""
+    return names(text, name) or bool(headers(text))
+
+
+def statements_of(tree: ast.AST) -> set[str]:
+    """Collect what the statements of a text compute, without those that stand for code that is left out.
+
+    What stands alone in the body of a class computes nothing, as the words of an outline.
+    """
     parts: list[ast.AST] = []
+    silent: set[int] = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) or not isinstance(node, ast.stmt):
+        if isinstance(node, ast.ClassDef):
+            silent |= {id(item) for item in node.body if _is_of_outline(item)}
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) or not isinstance(node, ast.stmt) or id(node) in silent:
             continue
         if hasattr(node, "body"):
             parts += [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
         elif not _computes_nothing(node):
             parts.append(node)
     return set(map(ast.dump, parts))
+
+
+def _is_of_outline(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) or (isinstance(node, ast.AnnAssign) and node.value is None)

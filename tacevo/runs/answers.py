@@ -25,9 +25,11 @@ UNREADABLE = "unreadable"
 def judged_answers(answers: Sequence[str | Path], *, task: str, image_size: int | None) -> Iterator[dict[str, Json]]:
     """Put answers, texts or files, through the gate of a task; yield what it says of each.
 
-    A file is a text with an answer, or a JSON recording with a `response` (and its `stop_reason`) or a `source`. Said
-    are file (None of a text), verdict, stage, reason, detail and parameters; a file that is not an answer, or cannot be
-    read, has the verdict `unreadable`. Without an image size, in pixels, that of the task's data holds.
+    A file is a text with an answer, or a JSON recording with a `response` (and its `stop_reason`) or a `source`. The
+    task's baseline counts as a network that the model was given. Said are file (None of a text), verdict, stage,
+    reason, detail and parameters; the detail of an admitted one is what was changed in it, if anything was. A file that
+    is not an answer, or cannot be read, has the verdict `unreadable`. Without an image size, in pixels, that of the
+    task's data holds.
 
     Raises:
         ConfigError: the task does not exist.
@@ -45,7 +47,7 @@ def judged_answers(answers: Sequence[str | Path], *, task: str, image_size: int 
                 except ConfigError as error:
                     yield {**_verdict(file, UNREADABLE), "detail": str(error)}
                 else:
-                    yield _judged(file, gate.admit(answer))
+                    yield _judged(file, gate.admit(answer, judged.baseline), gate.notes(answer, judged.baseline))
 
 
 def task_without_data(name: str, image_size: int | None) -> tuple[RunConfig, Task]:
@@ -102,10 +104,11 @@ def _whole(text: str) -> str:
     return text
 
 
-def _judged(file: str | None, admission: Admitted | Rejection) -> dict[str, Json]:
-    """Return the gate's verdict on a file as the fields of its line."""
+def _judged(file: str | None, admission: Admitted | Rejection, notes: Sequence[str]) -> dict[str, Json]:
+    """Return the gate's verdict on a file, and what it changed there, as the fields of its line."""
     if isinstance(admission, Admitted):
-        return {**_verdict(file, "admitted"), "parameters": admission.profile.parameters}
+        parameters = admission.profile.parameters
+        return {**_verdict(file, "admitted"), "detail": "; ".join(notes) or None, "parameters": parameters}
     return {**_verdict(file, "rejected"), **to_json(admission)}
 
 

@@ -55,6 +55,14 @@ def _admitted(gate: Gate, path: Path, network: Given) -> Given:
             place=f"networks, {path}",
             expected="a network that the gate admits",
         )
+    changes = gate.notes(answer)
+    if changes:
+        raise ConfigError(
+            f"one that the gate would change: {'; '.join(changes)}",
+            place=f"networks, {path}",
+            expected="a network that the gate takes as it is",
+            remedy="change it so yourself",
+        )
     if verdict.source != as_whole(network.source):
         raise ConfigError(
             "text of which the gate would take a part, as from a model's answer",

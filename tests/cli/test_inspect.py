@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from fakes import TASK
+from gate_cases import VALID, fenced
 from ledger_lines import candidate, ended, header, rejected, run_record, trained
 from refusals import refused
 
@@ -128,6 +129,22 @@ def test_words_say_what_json_says(place: Path, capsys: pytest.CaptureFixture[str
     good, cut = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"good.json: admitted, [\d,]+ parameters", good)
     assert cut.startswith("cut.json: rejected at extract: ")
+
+
+def test_check_says_what_was_changed_and_knows_the_baseline(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A change that lets an answer pass is no secret, and a quoted baseline is not the answer."""
+    baseline = (conf_root() / "library" / "force" / "baseline.py").read_text()
+    small = VALID.replace("class", "@torch.compile\nclass", 1)
+    (place / "answer.md").write_text(f"{fenced(small)}\n\nThe baseline was:\n\n{fenced(baseline)}\n")
+    (place / "plain.py").write_text(VALID)
+    assert main(["check", "answer.md", "plain.py", "--image-size", "32"]) == 0
+    changed, plain = capsys.readouterr().out.splitlines()
+    assert "torch.compile" in changed
+    assert changed.partition(";")[0].removeprefix("answer.md") == plain.removeprefix("plain.py")
+    assert main(["check", "answer.md", "plain.py", "--image-size", "32", "--json"]) == 0
+    details = [json.loads(line)["detail"] for line in capsys.readouterr().out.splitlines()]
+    assert "torch.compile" in details[0]
+    assert details[1] is None
 
 
 def test_doctor_names_a_directory_that_cannot_be_written(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -260,8 +260,48 @@ def test_given_network_that_is_repeated_before_other_code_is_no_answer(tmp_path:
 def test_rules_of_older_runs_admit_it(tmp_path: Path) -> None:
     """A replay of a run under them asks for no verdict that was not recorded."""
     text = f"```python\n{VALID}```\n```python\ndef forward(self, x):\n    return 2 * x\n```"
-    judge = gate(FakeSandbox().run, tmp_path, rules=replace(CURRENT, static=2))
-    assert isinstance(judge.admit(completion(text), VALID), Admitted)
+    request: Any = {
+        "version": 2,
+        "text": text,
+        "stop_reason": "end_turn",
+        "contract": to_json(contract()),
+        "limit": 100_000,
+    }
+    answers = Store(tmp_path, "answers")
+    answers.write(request, {"source": VALID})
+    answers.write({**request, "version": 3}, {"source": VALID})
+    said: Any = {"rejection": {"stage": "extract", "reason": "no_class", "detail": "as it was said"}}
+    answers.write({**request, "version": 3, "own": False}, said)
+    measured = gate(FakeSandbox().run, tmp_path)
+    assert isinstance(measured.measure(VALID), Admitted)
+    for static, reason in ((2, None), (3, Reason.no_class)):
+        judge = gate(FakeSandbox().run, tmp_path, mode=Mode.replay, rules=replace(CURRENT, static=static))
+        assert reason_of(judge.admit(completion(text), f"Change it:\n{VALID}")) is reason
+        assert judge.admit(completion(text), "Make one.") == Admitted(source=VALID, profile=PROFILE)
+
+
+def test_given_network_that_is_quoted_behind_the_new_one_is_not_the_child(tmp_path: Path) -> None:
+    """What was asked enters the key, so a replay needs its store alone, and no other question is answered by it."""
+    new = VALID.replace("4", "8")
+    text = f"```python\n{new}```\nI was given:\n```python\n{VALID}```"
+    asked = f"Change it:\n```python\n{VALID}```"
+    for mode in (Mode.record, Mode.replay):
+        judge = gate(FakeSandbox().run, tmp_path, mode=mode)
+        assert judge.admit(completion(text), asked) == Admitted(source=new, profile=PROFILE)
+        assert judge.admit(completion(text)) == Admitted(source=VALID, profile=PROFILE)
+    with refused(CacheMissError, got="no recorded answer for answers request"):
+        judge.admit(completion(text), f"{asked}\nMake it small.")
+    assert len(list(Store(tmp_path, "answers").entries())) == 2
+
+
+def test_what_was_changed_in_an_answer_is_said(tmp_path: Path) -> None:
+    """In words, and in a comment of the source that is checked and runs."""
+    judge = gate(FakeSandbox().run, tmp_path)
+    answer = completion(f"```python\n@torch.compile\n{VALID}```")
+    notes = judge.notes(answer)
+    assert notes
+    assert judge.admit(answer) == Admitted(source=f"# tacevo: {notes[0]}\n{VALID}", profile=PROFILE)
+    assert judge.notes(completion(VALID)) == judge.notes(completion("no class")) == judge.notes(completion("")) == ()
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,10 @@ from gate_cases import VALID, completion, contract, extracted, fenced, source_of
 
 from tacevo.gate import blocks
 from tacevo.gate.blocks import BlockParser
+from tacevo.gate.joining import ParsedCode
 from tacevo.gate.policy import problems
 from tacevo.gate.policy.check import rejection_of
-from tacevo.gate.versions import later_version
+from tacevo.gate.versions import Known, later_version
 from tacevo.records import Reason, Rejection
 from tacevo.text import parse_python
 
@@ -41,6 +42,30 @@ SLOW: dict[str, Callable[[int], str]] = {
     "names of one function": lambda size: (
         VALID + " = ".join(f"a{i}" for i in range(size // 9)) + f" = lambda: {' + '.join(['x'] * 50)}\n"
     ),
+    "JSON": lambda size: '{"a": [' * (size // 7) + VALID,
+    "JSON with sources": lambda size: '{"a": "class ImageRegressionCNN:\\n"}\n' * (size // 40) + VALID,
+    "JSON never closed": lambda size: '{"ImageRegressionCNN' * (size // 20) + VALID,
+    "braces": lambda size: "{ " * (size // 2) + VALID,
+    "quoted lines": lambda size: "> import a\n" * (size // 11) + VALID,
+    "quoted quotes": lambda size: f"{'>' * (size // 2)}import a\n" * 2 + VALID,
+    "quoted blank lines": lambda size: "> import a\n\n" * (size // 12) + VALID,
+    "prompts": lambda size: ">>> class ImageRegressionCNN\n... x\n" * (size // 36) + VALID,
+    "here-documents": lambda size: "cat <<A\n" * (size // 8) + VALID,
+    "here-documents that end": lambda size: "cat <<A\nA\n" * (size // 10) + VALID,
+    "labels": lambda size: "[PYTHON]" * (size // 8) + VALID,
+    "spaces of Unicode": lambda size: "\u00a0" * size + "x\n" + VALID,
+    "sentences": lambda size: "```\n" + "a b\n" * (size // 4) + VALID,
+    "one long word": lambda size: f"```\n{VALID}\nimport {'a' * size}.b c",
+    "one long line": lambda size: f"{fenced(VALID)}\n{CLASS}  if {'self.a ' * (size // 7)}\n",
+    "class statements": lambda size: f"{fenced(VALID)}\n{CLASS * (size // 37)}",
+    "class statements on a line": lambda size: f"{fenced(VALID)}\n{'class ImageRegressionCNN(' * (size // 25)}\n",
+    "statements": lambda size: f"{fenced(VALID)}\n{CLASS}" + "  self.a = 1 1\n" * (size // 15),
+    "rows": lambda size: f"{fenced(VALID)}\n{CLASS}" + "| " * (size // 2) + "x\n",
+    "stars": lambda size: fenced("from torch.nn import *\n" * (size // 23) + VALID),
+    "compiled": lambda size: fenced("@torch.compile\n" * (size // 15) + VALID),
+    "compiled in each other": lambda size: fenced(VALID + "x = " + "torch.compile(" * 40 + "1" + ")" * 40 + "\n"),
+    "compiled one by one": lambda size: fenced(VALID + "a = torch.compile(b)\n" * (size // 21)),
+    "aliases": lambda size: fenced("class A:\n    pass\n" + "ImageRegressionCNN = A\n" * (size // 23)),
     "scopes": lambda size: fenced("q = 1\n") + "\n" + fenced(VALID + ("lambda: " * 60 + "[a, b, c]\n") * (size // 490)),
 }
 
@@ -103,7 +128,8 @@ def test_blocks_that_lack_each_other_cost_as_many_steps_as_there_are() -> None:
 def test_name_that_repeats_is_looked_for_once() -> None:
     """A pattern that tries each place of the name with every other one would take minutes."""
     text = f"class {'ImageRegressionCNN' * 25_000}x"
-    assert later_version(text, ast.parse(VALID), "ImageRegressionCNN", BlockParser(), own=True) is None
+    chosen = Known.of([ParsedCode(VALID, ast.parse(VALID))], written=VALID, was="")
+    assert later_version(text, chosen, "ImageRegressionCNN", BlockParser()) is None
 
 
 def test_number_of_blocks_is_bounded() -> None:

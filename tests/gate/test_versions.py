@@ -63,24 +63,28 @@ UNUSABLE: dict[str, Callable[[str], str]] = {
     "renamed": lambda own: fenced(own.replace("CNN(nn", "CNNv2(nn")),
     "renamed in front": lambda own: fenced(own.replace("class ", "class New")),
     "subclass": lambda own: fenced(own.replace("CNN(nn.Module)", "CNN2(ImageRegressionCNN)")),
-    "alias": lambda own: fenced(own.replace("ImageRegressionCNN", "Net") + "\nImageRegressionCNN = Net\n"),
     "function": lambda own: fenced("def ImageRegressionCNN(num_outputs=3):\n    return nn.Linear(3, num_outputs)\n"),
     "diff": lambda own: fenced(quoted(own, "+"), "diff"),
     "diff without a fence": lambda own: quoted(own, "+"),
-    "quote": lambda own: quoted(own, "> "),
-    "quoted fence": lambda own: quoted(fenced(own), "> "),
     "bars": lambda own: quoted(own, "| "),
-    "prompts": lambda own: quoted(own, "... ").replace("...", ">>>", 1),
     "numbers": lambda own: "\n".join(f"{at:3}  {line}" for at, line in enumerate(own.split("\n"), 1)),
     "numbers and bars": lambda own: fenced("\n".join(f"{at:3}| {line}" for at, line in enumerate(own.split("\n"), 1))),
-    "json": lambda own: fenced(json.dumps({"code": own}), "json"),
-    "json without a fence": lambda own: json.dumps({"reason": "smaller", "code": own}, indent=2),
     "behind words": lambda own: f"It's now: `{own.rstrip()}`",
     "constructor left out": lambda own: fenced(
         f"{HEADER}    ...\n    def forward(self, x):\n        return self.head(x)\n"
     ),
     "forward left out": lambda own: fenced(own.split("        return")[0] + "        ...\n"),
     "new loop": lambda own: fenced(f"{HEADER}    ...\n    def forward(self, x):\n        for _ in range(3): pass\n"),
+}
+
+#: Forms of a later version that are read.
+READ: dict[str, Callable[[str], str]] = {
+    "alias": lambda own: fenced(own.replace("ImageRegressionCNN", "Net") + "\nImageRegressionCNN = Net\n"),
+    "quote": lambda own: quoted(own, "> "),
+    "quoted fence": lambda own: quoted(fenced(own), "> "),
+    "prompts": lambda own: quoted(own, "... ").replace("...", ">>>", 1),
+    "json": lambda own: fenced(json.dumps({"code": own}), "json"),
+    "json without a fence": lambda own: json.dumps({"reason": "smaller", "code": own}, indent=2),
 }
 
 EXCERPTS = [
@@ -113,6 +117,16 @@ def test_version_in_another_form_is_not_replaced_by_the_parent(form: Callable[[s
     """The model's own network is lost then, but nothing is taken for it."""
     for given in (fenced(PARENT), f"\n{PARENT}", f"```text\n{PARENT}```"):
         reason = refusal_of(f"You gave:\n{given}\nIt's now:\n\n{form(NEW)}\n\nIt's small.").reason
+        assert reason in (Reason.no_class, Reason.syntax)
+
+
+@pytest.mark.parametrize("form", READ.values(), ids=READ)
+def test_version_in_a_form_that_is_read_counts(form: Callable[[str], str]) -> None:
+    """It is the later one, and its fault is its own."""
+    for given in (fenced(PARENT), f"\n{PARENT}", f"```text\n{PARENT}```"):
+        source = source_of(f"You gave:\n{given}\nIt's now:\n\n{form(NEW)}\n\nIt's small.")
+        assert "".join(line for line in source.splitlines(keepends=True) if not line.startswith("# tacevo:")) == NEW
+        reason = refusal_of(f"You gave:\n{given}\nIt's now:\n\n{form(BROKEN)}\n\nIt's small.").reason
         assert reason in (Reason.no_class, Reason.syntax)
 
 
@@ -175,11 +189,12 @@ def test_what_adds_nothing_is_no_version(words: str) -> None:
 def test_given_network_before_other_code_is_no_answer(behind: str) -> None:
     """Of a network that the model was given, the rest of the answer says whether it meant to return it."""
     text = f"{fenced(VALID)}\n{behind}"
+    asked = f"Change it:\n{fenced(VALID)}"
     assert source_of(text) == VALID
-    verdict = extract(completion(text), contract(), own=False)
+    verdict = extract(completion(text), contract(), asked)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.no_class
     alone = f"{fenced(VALID)}\nUse it so:\n{fenced('net = ImageRegressionCNN()' + chr(10))}"
-    assert extract(completion(alone), contract(), own=False) == VALID
+    assert extract(completion(alone), contract(), asked) == VALID
     helped = f"{fenced(VALID.replace('F.relu', 'act'))}\n{fenced('def act(x):' + chr(10) + '    return x' + chr(10))}"
-    assert isinstance(extract(completion(helped), contract(), own=False), str)
+    assert isinstance(extract(completion(helped), contract(), asked), str)

@@ -259,6 +259,12 @@ def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError]
             "expected Python as a whole",
             marks=pytest.mark.slow,
         ),
+        pytest.param(
+            f"from torch.nn import *\n{NETWORK.format(4, 4)}",
+            "networks, bad.py",
+            "expected a network that the gate takes as it is",
+            marks=pytest.mark.slow,
+        ),
         (f"# My own.\n{NETWORK.format(8, 8)}", "networks", "wide and bad are one"),
     ],
 )

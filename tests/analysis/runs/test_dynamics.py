@@ -1,6 +1,8 @@
 """The dynamics of a search are the counts that a person would make from its ledger."""
 
+import hashlib
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +35,7 @@ from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, ReevaluationLine, gate_stages
 from tacevo.records import Reason, Stage
 from tacevo.results.run import RecordedRun
+from tacevo.storage.run_directory import RunDirectory
 
 CENTROIDS = np.array([[0.25, 0.5], [0.75, 0.5]])
 
@@ -81,6 +84,34 @@ def test_copy_is_the_source_of_a_parent() -> None:
     """A child that equals a candidate which is not its parent is not a copy."""
     slots = [trained(0, 0), trained(0, 1), trained(1, 0, source="g00s00"), trained(1, 1, source="g00s01")]
     assert copies(run(slots, [])) == {"g01s00"}
+
+
+def test_copy_may_have_other_words_and_another_layout(tmp_path: Path) -> None:
+    """Comments and docstrings make no other network, and a file that was edited shows none."""
+    parent = "class Net:\n    def forward(self, x):\n        return x\n"
+    sources = {
+        "g00s00": parent,
+        "g01s00": parent.replace("    def", '    """The same."""\n\n    def').replace(
+            "return x", "return (x)  # as it is"
+        ),
+        "g01s01": parent.replace("return x", "return -x"),
+        "g01s02": parent.replace("return x", "return  x"),
+    }
+    slots = [trained(int(name[2]), int(name[5]), source=hashed(text)) for name, text in sources.items()]
+    made = replace(run(slots, [closed(0), closed(1, candidates=3)]), directory=RunDirectory(tmp_path))
+    (tmp_path / "candidates").mkdir()
+    for name, text in sources.items():
+        edited = text + "x = 1\n" if name == "g01s02" else text
+        (tmp_path / "candidates" / f"{name}.py").write_text(edited, encoding="utf-8")
+    assert copies(made) == {"g01s00"}
+    assert progress(made).unchanged.tolist() == [0, 1]
+    table = generations_table(made, CENTROIDS)
+    assert table.rows[-1][table.columns.index("unchanged")] == 1
+
+
+def hashed(text: str) -> str:
+    """Return the hash by which a ledger names a source."""
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def test_costs_with_a_gap_are_unknown() -> None:
