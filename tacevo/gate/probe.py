@@ -182,7 +182,8 @@ class _Probe:
     def _evaluated(self, model: nn.Module, images: Tensor) -> tuple[int, Trace]:
         """Predict one image alone and beside others in eval mode, compare, and return its FLOPs and trace.
 
-        Where there are images of the data set, they are predicted so, and noise alone and among the most.
+        Where there are images of the data set, these are, and lie in memory as in a training; noise is predicted alone
+        and among the most.
         """
         one, many = images[_ALONE : _ALONE + 1], BATCHES[1]
         shown = images if self._of_data is None else self._of_data
@@ -196,12 +197,13 @@ class _Probe:
             again = [_predicted(model, one) for _ in range(_AGAIN if draws else 1)]
             flops_alone, alone = flops, noise
             if self._of_data is not None:
+                shown = self._of_data = self._as_in_training(model, self._of_data)
                 flops_alone, alone = self._traced(model, shown[_ALONE : _ALONE + 1])
             flops_of_batch, batch = self._traced(model, shown[:many])
             most = _predicted(model, every.flip(0))
         if (alone.graph, flops_alone) != (noise.graph, flops):
             expected = f"expected the operations that the probe's noise takes, {flops} FLOPs, for an image of the data"
-            detail = f"{expected}; got others, {flops_alone} FLOPs; do not choose by what an image shows"
+            detail = f"{expected}; got others, {flops_alone} FLOPs; do not choose by what it shows or how it lies"
             raise CandidateError(Reason.depends_on_batch, detail)
         _check_batch(flops_alone, alone, flops_of_batch, batch, many)
         single = [(output, 1) for output in (noise.output, *again, alone.output)]
@@ -221,6 +223,15 @@ class _Probe:
                 raise CandidateError(Reason.random_in_evaluation, f"{detail}; draw nothing in evaluation mode")
             raise CandidateError(Reason.depends_on_batch, f"{detail}; normalise by running statistics or per image")
         return flops, noise
+
+    def _as_in_training(self, model: nn.Module, images: Tensor) -> Tensor:
+        """Return images that lie in memory as a training's do: in channels_last, if the network takes them so."""
+        fast = images.to(memory_format=torch.channels_last)
+        try:
+            _predicted(model, fast[:2])
+        except Exception:  # its training uses the other layout then
+            return images
+        return fast
 
     def _traced(self, model: nn.Module, images: Tensor) -> tuple[int, Trace]:
         """Run one traced pass; return its FLOPs, and the trace with a copy of the output."""

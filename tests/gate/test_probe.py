@@ -288,9 +288,10 @@ SMOOTH = "(x[..., 1:] - x[..., :-1]).abs().mean() < 0.5"
         f"y = self.conv(x if {SMOOTH} else x[..., ::2, ::2])\n{{}}",
         f"y = self.conv(x)\nif {SMOOTH}:\n    y = y - y.mean(0)\n{{}}",
         f"smooth = {SMOOTH}\ny = self.conv(x)\ny = y - smooth * y.mean(0)\n{{}}",
+        "y = self.conv(x)\nif not x.is_contiguous():\n    y = y + self.wide(x).mean(1, keepdim=True)\n{}",
         f"y = self.conv(x)\nif self.training and {SMOOTH}:\n    self.kept.add_(y.detach().mean())\n{{}}",
     ],
-    ids=["wider", "finer", "mixes by a branch", "mixes by a factor", "learns"],
+    ids=["wider", "finer", "mixes by a branch", "mixes by a factor", "layout", "learns"],
 )
 def test_content_of_an_image_does_not_tell_the_probe_from_the_training(forward: str) -> None:
     """Images of the data set run through what noise runs through, alone and beside others; what learns there counts."""
@@ -306,7 +307,8 @@ def test_content_of_an_image_does_not_tell_the_probe_from_the_training(forward: 
 
 def test_images_of_the_data_change_no_honest_profile() -> None:
     """A network has one profile, whichever data set it is probed for."""
-    for source in (VALID, features("self.n(self.conv(x))", "self.n = nn.BatchNorm2d(4)")):
+    flat = candidate("return self.flat(x.view(len(x), -1))", "self.flat = nn.Linear(3 * 32 * 32, 3)")  # one layout only
+    for source in (VALID, features("self.n(self.conv(x))", "self.n = nn.BatchNorm2d(4)"), flat):
         assert probe(source, contract(), smooth_images()) == profile_of(source)
 
 

@@ -33,12 +33,12 @@ def main() -> int:
         raise SystemExit("expected digests of the functions; got none: the child process failed")
     assert settings[CODE] in CODES
     others = {code: digests for code in CODES if (digests := _digests({**settings, CODE: code})) is not None}
-    by_code = [name for name in chosen if any(digests[name] != chosen[name] for digests in others.values())]
+    by_code = [name for name in chosen if any(digests.get(name) != chosen[name] for digests in others.values())]
     print(f"{len(chosen)} results; codes {', '.join(others)} run here. {len(by_code)} follow from the code:")
     print("\n".join(f"    {name}" for name in by_code))
     free = {name: value for name, value in settings.items() if name != CODE}
     left = {
-        instructions: [name for name, value in digests.items() if value != chosen[name]]
+        instructions: [name for name, value in chosen.items() if digests.get(name) != value]
         for instructions in INSTRUCTIONS
         if (digests := _digests({**settings, "MKL_ENABLE_INSTRUCTIONS": instructions})) is not None
     }
