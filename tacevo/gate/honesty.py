@@ -15,7 +15,6 @@ from itertools import islice
 from types import FunctionType, ModuleType
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.modules.batchnorm import _BatchNorm
@@ -24,7 +23,7 @@ from torch.nn.utils import parametrize
 from tacevo.records import Reason
 from tacevo.sandbox.attributes import MODULE_NAMES
 from tacevo.sandbox.guards import NAME, OF_TORCH, CandidateError, attributes_of_class, check_shared
-from tacevo.sandbox.module_parts import attributes, modules, parameters, state, switch
+from tacevo.sandbox.module_parts import attributes, bits, equal, modules, parameters, state, switch
 
 # A metaclass may define its own `__mro__`.
 _CLASS_ORDER = vars(type)["__mro__"]
@@ -49,7 +48,7 @@ def check_names(network: nn.Module) -> None:
     Raises:
         CandidateError: one does.
     """
-    check_shared()
+    check_shared(every=False)
     stored = vars(nn.Module()).keys()
     honest = {id(object), *map(id, OF_TORCH)}  # ids of classes, which live on; a class may define its own hash
     for module in modules(network):
@@ -184,13 +183,3 @@ def copied_state(network: nn.Module) -> dict[str, tuple[torch.dtype, torch.Size,
         return {
             name: (value.dtype, value.shape, bits(value).numpy().tobytes()) for name, value in state(network).items()
         }
-
-
-def bits(tensor: Tensor) -> Tensor:
-    """Return a tensor's bytes, so that equal NaNs are equal."""
-    return Tensor.detach(tensor).contiguous().reshape(-1).view(torch.uint8)
-
-
-def equal(some: Tensor, others: Tensor) -> bool:
-    """Compare bytes as `bits` returns them; torch's own comparison takes fifteen times as long."""
-    return np.array_equal(some.numpy(), others.numpy())

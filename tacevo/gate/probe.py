@@ -16,25 +16,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, mse_loss
 
-from tacevo.gate.honesty import (
-    bits,
-    check_names,
-    copied_state,
-    count_learnt,
-    equal,
-    state_outside,
-    unchanged,
-    unwatched,
-)
+from tacevo.gate.honesty import check_names, copied_state, count_learnt, state_outside, unchanged, unwatched
 from tacevo.gate.kernels import KernelWatcher, follow_the_seed, too_often
 from tacevo.gate.trace import Trace, trace
 from tacevo.profile import Profile
-from tacevo.randomness import stream
+from tacevo.randomness import derived_seed, stream
 from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
 from tacevo.sandbox.candidate import Adam, blaming, build, check_leaves, fault, standardise
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.guards import CandidateError
-from tacevo.sandbox.module_parts import graph_nodes, modules, parameters
+from tacevo.sandbox.module_parts import bits, equal, graph_nodes, modules, parameters
 from tacevo.sandbox.protocol import Header
 
 #: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.
@@ -47,7 +38,8 @@ _ROUNDING = 1e-4
 #: How often a network that draws in evaluation mode predicts one image again: one that draws in half of its passes
 #: is then missed once in 256 times.
 _AGAIN = 8
-_SEED, _OTHER_SEED = 0, 1
+#: Seed of the probe's images and targets.
+_SEED = 0
 #: Sizes of objects for which Python keeps memory of its own, in bytes, and how many of each move what comes after them.
 _SIZES, _MOVING = range(48, 513, 16), 13
 #: Large enough that a part which begins at zero has an effect after one step.
@@ -79,6 +71,8 @@ class _Probe:
 
     def __init__(self, header: Header, watcher: KernelWatcher, of_data: Tensor | None) -> None:
         self._source: str = header["source"]
+        # Of its own text a network does not know the hash, so it cannot tell the probe by what it draws first.
+        self._seed, self._other_seed = (derived_seed(0, "probe", self._source, number) for number in range(2))
         self._contract = Contract.from_json(header["contract"])
         self._limits: dict[str, int] = header["limits"]
         self._watcher = watcher
@@ -96,7 +90,7 @@ class _Probe:
         images, targets = _examples(self._contract)
         few, many = BATCHES
         with self._watcher.noting_draws() as draws:
-            model = self._built(_SEED)
+            model = self._built(self._seed)
         count, weights = self._sizes(model)
         first, _ = self._step(model, images[:few], targets[:few])
         left = copied_state(model)
@@ -109,14 +103,14 @@ class _Probe:
         trained = max(-(-flops_of_batch // many), flops)
         self._check_limits(trained, traced)
         self._move_memory()
-        again = self._built(_SEED)
+        again = self._built(self._seed)
         is_same = torch.equal(self._step(again, images[:few], targets[:few])[0], first)
         if not (is_same and copied_state(again) == left):
             detail = "expected equal bits from two constructions and steps with one seed; got others"
             raise CandidateError(Reason.nondeterministic, detail)
         self._move_memory()
         with self._watcher.noting_draws() as others:
-            other = self._built(_OTHER_SEED)
+            other = self._built(self._other_seed)
         if [*map(_form, parameters(other))] != [*map(_form, parameters(again))]:
             detail = "expected parameters of equal shapes from two constructions; got others"
             raise CandidateError(Reason.nondeterministic, detail)
@@ -245,7 +239,7 @@ class _Probe:
         Returns:
             A copy of the output before the step, and the FLOPs of the forward pass of the whole batch.
         """
-        torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, independent of what ran between
+        torch.manual_seed(self._seed)  # dropout draws the same masks in both trials, independent of what ran between
         before = self._watcher.flops
         self._watcher.backward.clear()
         with unchanged(model, training=True) as listed:

@@ -37,7 +37,7 @@ MODES = ("train", "eval")
 _LEADING_OUT = """
     numpy ctypes tofile from_file storage untyped_storage data_ptr share_memory_ as_subclass mro _evaluate
     f_globals f_locals f_builtins f_back f_code tb_frame tb_next gi_frame gi_code cr_frame cr_code ag_frame ag_code
-    _convert_
+    _convert_ obj _version
 """
 
 #: Private attributes of tensors and of the nodes of their graphs that reach memory, gradients or other constructors.
@@ -73,7 +73,7 @@ _MODULE_NAMES = """
 MODULE_NAMES = frozenset(_MODULE_NAMES.split())
 
 #: Private names of `nn.Module` that a text may read; the others run or change a module behind its back.
-_READABLE = frozenset({"_modules", "_parameters", "_buffers", "_get_name", "_version"})
+_READABLE = frozenset({"_modules", "_parameters", "_buffers", "_get_name"})
 
 _REFUSED = frozenset(
     [*_LEADING_OUT.split(), *_PRIVATE.split(), *(name for name in MODULE_NAMES if name[0] == "_" and name[1] != "_")]

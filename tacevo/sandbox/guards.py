@@ -112,10 +112,16 @@ def _checked_dataclass(make: Callable[..., type]) -> Callable[..., type]:
     """Wrap what makes a dataclass: it writes the names of the fields into text, and runs that."""
 
     def checked(kind: type, *settings: Any, **more: Any) -> type:
-        for name in vars(kind).get("__annotations__", ()):
+        own = attributes_of_class(kind).get("__annotations__", {})
+        bases = _CLASS_ORDER.__get__(kind)[1:]
+        fields = [attributes_of_class(base).get("__dataclass_fields__", {}) for base in bases]
+        # Of these exact types, so that nothing answers otherwise here than where the text is written.
+        if any(type(each) is not dict for each in (own, *fields)):
+            raise CandidateError(Reason.forbidden_name, "expected the fields of a dataclass in plain dictionaries")
+        named = [part for each in fields for part in each.values()]
+        for name in (*own, *(part.name if type(part) is dataclasses.Field else None for part in named)):
             if not (type(name) is str and name.isidentifier()):
-                detail = f"expected an identifier as the name of a field; got {str.__repr__(name)}"
-                raise CandidateError(Reason.forbidden_name, detail)
+                raise CandidateError(Reason.forbidden_name, "expected an identifier as the name of each field")
         return make(kind, *settings, **more)
 
     return checked
@@ -132,8 +138,8 @@ def with_subclasses(kind: type) -> Iterator[type]:
         yield from with_subclasses(below)
 
 
-# A metaclass may define its own `__dict__`.
-_CLASS_ATTRIBUTES = vars(type)["__dict__"]
+# A metaclass may define its own `__dict__` and `__mro__`.
+_CLASS_ATTRIBUTES, _CLASS_ORDER = vars(type)["__dict__"], vars(type)["__mro__"]
 
 
 def attributes_of_class(kind: type) -> Mapping[str, Any]:
@@ -142,30 +148,46 @@ def attributes_of_class(kind: type) -> Mapping[str, Any]:
     return own
 
 
+def _may_change(kind: type) -> bool:
+    """Return whether a class takes new attributes, as those that are written in C do not (CPython's `tp_flags`)."""
+    is_immutable, is_on_heap = kind.__flags__ & 1 << 8, kind.__flags__ & 1 << 9
+    return bool(is_on_heap and not is_immutable)
+
+
 def _snapshot(kinds: Iterable[type]) -> list[tuple[type, dict[str, Any], list[int]]]:
     """Return classes, each with its attributes and their ids; the attributes are kept, so that no id is used again."""
-    copies = [(kind, dict(attributes_of_class(kind))) for kind in kinds]
+    copies = [(kind, dict(attributes_of_class(kind))) for kind in kinds if _may_change(kind)]
     return [(kind, own, [*map(id, own.values())]) for kind, own in copies]
 
 
 #: Torch's own classes of modules, as they are before a candidate runs.
 OF_TORCH = frozenset(with_subclasses(nn.Module))
-_EVERY = _snapshot(OF_TORCH)
+#: Classes that a text may name, or is given by what it may name, and their own classes.
+_NAMED = {value for path in MODULES for value in vars(sys.modules[path]).values() if isinstance(value, type)}
+_NAMED |= {CandidateError, Reason, dataclasses.Field, *(base for kind in _NAMED for base in kind.__mro__)}
+_NAMED |= {type(kind) for kind in _NAMED}
 #: Those that a training calls.
-_USED = _snapshot([torch.Tensor, nn.Parameter, nn.Module, torch.optim.Optimizer, torch.optim.Adam])
+_STEPS: list[type] = [torch.Tensor, nn.Parameter, type(nn.Parameter), nn.Module]
+_STEPS += [torch.optim.Optimizer, torch.optim.Adam]
+_MODES = [*torch.no_grad.__mro__, *torch.enable_grad.__mro__, *torch.set_grad_enabled.__mro__]
+_USED = _snapshot([*_STEPS, *_MODES])
+_EVERY = _USED + _snapshot(OF_TORCH | _NAMED)
 
 
 def check_shared(*, every: bool = True) -> None:
-    """Check that torch's classes are as before the candidate ran: `every` one, or those that a training calls.
+    """Check that classes are as before the candidate ran: `every` one that a text may name, or those a training calls.
 
     A text may reach one by a variable (`T = torch.Tensor`), where the policy does not see what is assigned to.
 
     Raises:
         CandidateError: one was changed.
     """
-    for kind, before, ids in [*_USED, *_EVERY] if every else _USED:
+    for kind, before, ids in _EVERY if every else _USED:
         own = attributes_of_class(kind)
         if [*map(id, own.values())] != ids:
-            name = min(name for name in before.keys() | own.keys() if before.get(name, own) is not own.get(name, own))
-            detail = f"expected torch's own {kind.__name__}.{name}; got another one"
-            raise CandidateError(Reason.redefines_module, detail)
+            changed = {name for name in before.keys() | own.keys() if before.get(name, own) is not own.get(name, own)}
+            # Python itself adds empty annotations to a class when they are first asked for.
+            changed -= {"__annotations__"} - before.keys()
+            if changed:
+                detail = f"expected {kind.__module__}'s own {kind.__name__}.{min(changed)}; got another one"
+                raise CandidateError(Reason.redefines_module, detail)

@@ -33,7 +33,7 @@ from tacevo.sandbox.candidate import (
 )
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.guards import CandidateError, check_shared
-from tacevo.sandbox.module_parts import parameters, state, switch
+from tacevo.sandbox.module_parts import bits, equal, parameters, state, switch
 from tacevo.sandbox.protocol import Header
 from tacevo.training.determinism import noting_nondeterminism
 
@@ -74,6 +74,44 @@ class _Job(NamedTuple):
     def is_cast(self) -> bool:
         """Whether forward passes compute in bfloat16 where torch's autocast does."""
         return self.recipe.gpu is not None and self.recipe.gpu.precision is Precision.bf16
+
+
+class _Learner:
+    """An optimiser, and the parameters as its last step left them: nothing else may change them while a network trains.
+
+    On a GPU they are not compared: there each look would wait for the device.
+    """
+
+    def __init__(self, listed: list[nn.Parameter], learning_rate: float, device: torch.device) -> None:
+        self.listed = listed
+        self.optimiser = Adam(listed, learning_rate)
+        self._watched = listed if device.type == "cpu" else []
+        self._keep()
+
+    def step(self) -> None:
+        """Take one step.
+
+        Raises:
+            CandidateError: something else changed a parameter, or what a step calls.
+        """
+        check_shared(every=False)
+        self.check()
+        self.optimiser.step()
+        self._keep()
+        self.optimiser.zero_grad()  # so that no forward pass finds a gradient to step by
+
+    def check(self) -> None:
+        """Compare the parameters' bits with those that the last step left.
+
+        Raises:
+            CandidateError: one has others.
+        """
+        if not all(map(equal, map(bits, self._watched), self._kept)):
+            detail = "expected parameters that only the trainer's steps change; got others"
+            raise CandidateError(Reason.changes_its_weights, detail)
+
+    def _keep(self) -> None:
+        self._kept = [bits(parameter).clone() for parameter in self._watched]
 
 
 def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
@@ -158,26 +196,26 @@ def _train(job: _Job, send: Send) -> nn.Module:
     """Train for all epochs; return the trained network."""
     with blaming(Reason.construction_failed):
         model = nn.Module.to(build(job.source, job.contract, job.seed), job.device)
-        listed = parameters(model)
-        optimiser = Adam(listed, job.recipe.learning_rate)
+        learner = _Learner(parameters(model), job.recipe.learning_rate, job.device)
     kept: dict[str, torch.Tensor] = {}
     with noting_nondeterminism(job.device) as noted:
         for epoch in range(job.recipe.epochs):
-            losses = _epoch(job, model, listed, optimiser, epoch)
+            losses = _epoch(job, model, learner, epoch)
             predictions = _predict(job, model, job.predicted[:1] if job.last else job.predicted)
+            learner.check()
             # As torch itself counts them.
-            steps = max((int(taken["step"]) for taken in optimiser.state.values()), default=0)
+            steps = max((int(taken["step"]) for taken in learner.optimiser.state.values()), default=0)
             report: Json = {"epoch": epoch, "train_loss": math.fsum(losses) / len(losses), "steps": steps}
             is_lowest = send(report, predictions)
             if is_lowest or epoch + 1 == job.sent_epoch:
                 kept = {name: torch.Tensor.detach(value).clone() for name, value in state(model).items()}
         with blaming(Reason.crashed):
-            weights = {"weights_sha256": digest(model)}
+            trained = {"weights_sha256": digest(model)}
         if job.last:
             _put_back(model, kept)
             send({"tested": True}, _predict(job, model, job.predicted))
     with blaming(Reason.crashed):
-        send(weights | ({"not_deterministic": sorted(noted)} if noted else {}), b"")
+        send(trained | ({"not_deterministic": sorted(noted)} if noted else {}), b"")
         if job.sent_epoch is not None:
             send_weights(kept, send)
     return model
@@ -204,16 +242,14 @@ def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int
     return [order] if full == 0 else [order[i * size : (i + 1) * size] for i in range(full)]
 
 
-def _epoch(job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: Adam, epoch: int) -> list[float]:
+def _epoch(job: _Job, model: nn.Module, learner: _Learner, epoch: int) -> list[float]:
     """Train on every batch of one epoch; return their losses."""
     switch(model, training=True)
     order = batches(len(job.train), job.recipe.batch_size, job.seed, epoch)
-    return [_step(job, model, listed, optimiser, positions) for positions in order]
+    return [_step(job, model, learner, positions) for positions in order]
 
 
-def _step(
-    job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: Adam, positions: NDArray[np.int64]
-) -> float:
+def _step(job: _Job, model: nn.Module, learner: _Learner, positions: NDArray[np.int64]) -> float:
     """Take one step on one batch; return its loss before the step."""
     output = _forward(job, model, job.train[positions])
     with blaming(Reason.backward_failed):
@@ -221,11 +257,10 @@ def _step(
         value = float(loss.detach())
         if not math.isfinite(value):
             raise CandidateError(Reason.not_finite, f"expected a finite training loss; got {value}")
-        check_leaves(output, listed)  # at every step: the probe's batches are smaller
-        optimiser.zero_grad()  # drops what a forward pass left there
+        check_leaves(output, learner.listed)  # at every step: the probe's batches are smaller
+        learner.optimiser.zero_grad()  # drops what a forward pass left there
         loss.backward()  # type: ignore[no-untyped-call]
-        optimiser.step()
-        optimiser.zero_grad()  # so that no forward pass finds a gradient to step by
+        learner.step()
     return value
 
 
