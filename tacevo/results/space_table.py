@@ -376,6 +376,8 @@ def _check_training(table: SpaceTable, full: FullTraining, place: str) -> None:
         raise _damaged(path, place, "losses of 0 or more", str(min(losses + of_training)))
     if full.epoch != losses.index(min(losses)) + 1:
         raise _damaged(path, place, "the epoch of the lowest validation loss", str(full.epoch))
+    if full.metrics.keys() != (names := metric_names(facts.kind, facts.names)):
+        raise _damaged(path, f"{place}, metrics", ", ".join(sorted(names)), ", ".join(sorted(full.metrics)))
     found = contradiction(facts.kind, facts.names, full.metrics, full.confusion, images=facts.counts[2])
     if found is not None:
         what, got, expected = found

@@ -28,12 +28,14 @@ from tacevo.sandbox.client import Died, Finished, RunJob
 from tacevo.sandbox.protocol import one_line
 from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
+from tacevo.text import listed
 from tacevo.training.evaluation import Examples, Setting, TrainingStore
 from tacevo.training.metrics import (
     Confusion,
     classification_metrics,
     confusion,
     contradiction,
+    metric_names,
     regression_metrics,
 )
 
@@ -170,7 +172,10 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
 
 
 def _check_counts(verdict: FullTraining, facts: DataFacts, place: str) -> None:
-    """Compare the metrics with each other, and of a classification with the confusion."""
+    """Compare the metrics with each other, and of a classification with the confusion; their names, too."""
+    if verdict.metrics.keys() != (names := metric_names(facts.kind, facts.names)):
+        got, expected = listed(sorted(verdict.metrics)), listed(sorted(names))
+        raise DivergenceError(got, place=f"{place}, metrics", expected=expected)
     found = contradiction(facts.kind, facts.names, verdict.metrics, verdict.confusion, images=facts.counts[2])
     if found is not None:
         what, got, expected = found

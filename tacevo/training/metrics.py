@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tacevo.records import Kind
 from tacevo.rounding import rounded
-from tacevo.text import listed
 from tacevo.training.losses import cross_entropy
 
 #: Rows are true classes, columns are predicted ones; entries count images.
@@ -89,48 +88,44 @@ def contradiction(
     Args:
         kind: of the task.
         names: of its K outputs.
-        metrics: by name; exactly those of `metric_names`.
+        metrics: by name; those that are missing are not compared.
         counts: of a classification, shape (K, K), `images` in all; None of a regression.
         images: how many were predicted, at least 1.
 
     Returns:
         What it is, what stands there, and what was expected; None where nothing contradicts.
     """
-    if metrics.keys() != (known := metric_names(kind, names)):
-        return "metrics", listed(sorted(metrics)), listed(sorted(known))
     if kind is Kind.regression:
-        return _contradiction_of_errors(names, metrics, counts)
-    rows, outputs = counts or (), len(names)
-    every = [count for row in rows for count in row]
-    if not ([len(row) for row in rows] == [outputs] * outputs and sum(every) == images and min(every) >= 0):
-        return "confusion", f"{counts}", f"{outputs} rows of as many counts, {images} images in all"
-    for name, value in counted_metrics(rows).items():
-        if metrics[name] != value:
-            return f"metrics.{name}", str(metrics[name]), f"{value}, by the confusion"
-    if not metrics["cross_entropy"] >= 0:
-        return "metrics.cross_entropy", str(metrics["cross_entropy"]), "0 or more"
-    return None
-
-
-def _contradiction_of_errors(
-    names: Sequence[str], metrics: Mapping[str, float], counts: Confusion | None
-) -> tuple[str, str, str] | None:
-    """Do what `contradiction` does for a regression; what is compared was rounded to 9 significant digits."""
-    if counts is not None:
-        return "confusion", f"{counts}", "none of a regression"
-    expected = {
-        name: math.fsum(metrics[f"{name}_{each}"] for each in names) / len(names) for name in ("mse", "mae", "r2")
-    }
-    expected |= {
-        f"rmse{end}": math.sqrt(max(metrics[f"mse{end}"], 0.0)) for end in ("", *(f"_{each}" for each in names))
-    }
-    for name, value in expected.items():
-        if not math.isclose(metrics[name], value, rel_tol=1e-7, abs_tol=1e-12):
-            return f"metrics.{name}", str(metrics[name]), f"{rounded(value)}, by the other metrics"
+        if counts is not None:
+            return "confusion", f"{counts}", "none of a regression"
+        follows = _errors_by_others(names, metrics)
+        basis, tolerance = "the other metrics", 1e-7  # what is compared was rounded to 9 significant digits
+    else:
+        rows, outputs = counts or (), len(names)
+        every = [count for row in rows for count in row]
+        if not ([len(row) for row in rows] == [outputs] * outputs and sum(every) == images and min(every) >= 0):
+            return "confusion", f"{counts}", f"{outputs} rows of as many counts, {images} images in all"
+        follows, basis, tolerance = counted_metrics(rows), "the confusion", 0.0
+    for name, value in follows.items():
+        if name in metrics and not math.isclose(metrics[name], value, rel_tol=tolerance, abs_tol=1e-12 * tolerance):
+            return f"metrics.{name}", str(metrics[name]), f"{rounded(value)}, by {basis}"
     for name, value in metrics.items():
         if not name.startswith("r2") and not value >= 0:
             return f"metrics.{name}", str(value), "0 or more"
     return None
+
+
+def _errors_by_others(names: Sequence[str], metrics: Mapping[str, float]) -> dict[str, float]:
+    """Compute the metrics of a regression that follow from others of them."""
+    follows = {}
+    for name in ("mse", "mae", "r2"):
+        apart = [metrics[f"{name}_{each}"] for each in names if f"{name}_{each}" in metrics]
+        if len(apart) == len(names):
+            follows[name] = math.fsum(apart) / len(names)
+    for end in ("", *(f"_{each}" for each in names)):
+        if metrics.get(f"mse{end}", -1.0) >= 0:
+            follows[f"rmse{end}"] = math.sqrt(metrics[f"mse{end}"])
+    return follows
 
 
 def confusion(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> Confusion:
