@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from tacevo.llm.retry import Fault, FaultError, FaultKind, fault_of_body
 from tacevo.llm.stops import stop_reason_of
-from tacevo.llm.streams import TEXTS, joined, read_values
+from tacevo.llm.streams import TEXTS, first_choice, joined, read_values
 from tacevo.llm.words import error_in
 from tacevo.records import Completion, Delivery, Json, token_count
 
@@ -76,8 +76,9 @@ def read_chat(body: Json) -> Completion:
         FaultError: it holds neither a text nor a reason why there is none, or says that it failed.
     """
     choices = body.get("choices") if isinstance(body, Mapping) else None
-    choice = choices[0] if isinstance(choices, list) and choices else None
+    choice = first_choice(choices) or (choices[0] if isinstance(choices, list) and choices else None)
     message, reason = _mapping(choice, "message"), _value(choice, "finish_reason")
+    reason = reason[0] if isinstance(reason, list) and reason else reason
     reason = reason if isinstance(reason, str | Mapping) else None
     for part in (choice, message):
         if (error := error_in(part)) is not None:

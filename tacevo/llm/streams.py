@@ -91,7 +91,7 @@ class _Pieces:
 
     def add(self, event: Mapping[str, Json]) -> None:
         """Take in the next event."""
-        choice = _first(event.get("choices"))
+        choice = first_choice(event.get("choices"))
         error = error_in(event) or error_in(choice)
         if error is not None:
             raise FaultError(fault_of_body({"error": error}))
@@ -102,7 +102,8 @@ class _Pieces:
         self.is_chat = self.is_chat and not _is_event(event)
         if self.reason is None or not self.is_chat:
             self._add_text(event, choice)
-        self.reason = self.reason or choice.get("finish_reason") or _mapping(event.get("delta")).get("stop_reason")
+        self.reason = self.reason or _ended(choice.get("finish_reason"))
+        self.reason = self.reason or _ended(_mapping(event.get("delta")).get("stop_reason"))
         self.is_finished = self.is_finished or self.reason is not None or event.get("type") == "message_stop"
 
     def _add_text(self, event: Mapping[str, Json], choice: Mapping[str, Json]) -> None:
@@ -141,7 +142,7 @@ def _holds_answer(values: Sequence[Json]) -> bool:
 
 def _is_piece(value: Json) -> bool:
     """Answer whether a value is an event of a stream, and not an answer by itself."""
-    return isinstance(value, Mapping) and (_is_event(value) or "delta" in _first(value.get("choices")))
+    return isinstance(value, Mapping) and (_is_event(value) or "delta" in first_choice(value.get("choices")))
 
 
 def _is_event(value: Mapping[str, Json]) -> bool:
@@ -151,11 +152,17 @@ def _is_event(value: Mapping[str, Json]) -> bool:
 
 def _is_finished(value: Json) -> bool:
     """Answer whether a value says why its answer ended."""
-    choice = _first(_mapping(value).get("choices"))
-    return bool(choice.get("finish_reason") or _mapping(value).get("stop_reason"))
+    choice = first_choice(_mapping(value).get("choices"))
+    return bool(_ended(choice.get("finish_reason")) or _ended(_mapping(value).get("stop_reason")))
 
 
-def _first(choices: Json) -> Mapping[str, Json]:
+def _ended(reason: Json) -> Json:
+    """Return why an answer ended; None also for the words by which servers say that it has not."""
+    is_going_on = isinstance(reason, str) and reason.casefold() in {"", "null", "none", "unfinished", "in_progress"}
+    return None if is_going_on else reason
+
+
+def first_choice(choices: Json) -> Mapping[str, Json]:
     """Return the first choice, which alone was asked for; empty for what has none."""
     several = choices if isinstance(choices, list) else []
     return next((one for one in map(_mapping, several) if one.get("index", 0) in {0, None}), {})

@@ -18,12 +18,12 @@ _EXACT = frozenset({401, 402, 404, 413}) | PASSING
 #: The fields of an error that hold its words; what else stands there may repeat the request.
 _WORDS = (
     *("loc", "message", "msg", "detail", "title", "error", "errors", "code", "type", "status", "innererror"),
-    *("metadata", "raw"),
+    *("metadata", "raw", "base_resp", "status_msg"),
 )
 
 #: The fields that hold a code, and those that hold an error within an error.
 _CODES = ("code", "status", "status_code", "statusCode", "http_status", "type")
-_WITHIN = ("error", "errors", "detail", "innererror")
+_WITHIN = ("error", "errors", "detail", "innererror", "base_resp")
 
 #: The statuses that words in the place of a code stand for, without case and signs.
 _STATUSES = {
@@ -48,7 +48,11 @@ _INVALID = frozenset(
 )
 
 #: How servers say that there is no money or no account, some with a status that would otherwise blame the request.
-_NO_MONEY = re.compile(r"insufficient[ _](quota|balance|credits?|funds)", re.IGNORECASE)
+_NO_MONEY = re.compile(
+    r"insufficient[ _](quota|balance|credits?|funds)|exceeded_current_quota|arrear|account is (not )?in good standing"
+    r"|account\b[^.]{0,80}\bis suspended|余额不足|欠费",
+    re.IGNORECASE,
+)
 _PAYMENT = re.compile(
     r"credit balance|billing[ _](details|error)|(spend|spending|usage) limit"
     r"|organi[sz]ation has been disabled|account (has been|was|is) (disabled|deactivated|suspended|terminated)",
@@ -58,7 +62,8 @@ _PAYMENT = re.compile(
 #: How servers say that the key is wrong, and that there is no such model, where the status says neither.
 _WRONG_KEY = re.compile(
     r"\b(invalid|incorrect|wrong|missing|expired|revoked)\b[^.]{0,20}\b(api[ _-]?key|credentials?|access token)\b"
-    r"|\b(api[ _-]?key|credentials?)\b[^.]{0,30}\b(not valid|invalid|incorrect|expired|missing|not found|revoked)",
+    r"|\b(api[ _-]?key|credentials?)\b[^.]{0,30}\b(not valid|invalid|incorrect|expired|missing|not found|revoked)"
+    r"|\bnot authenticated\b|\bauthentication error\b|\blogin fail",
     re.IGNORECASE,
 )
 _NO_MODEL = re.compile(
@@ -88,9 +93,12 @@ _FILTERED = re.compile(
     r"|\b(flagged|blocked|rejected|refused|filtered) (by|due to|as|because of|for)\b[^.]{0,60}"
     r"(safety|moderat|polic|filter|content|guardrail|violat|sensitiv|harm|inappropriate|unsafe)"
     r"|safety[ _](system|filter|setting|polic|guideline|reason|violation)|guardrail|\bmoderation\b"
-    r"|(usage|acceptable use|safety) polic|data[ _]?inspection[ _]?failed|sensitive[ _](content|information|words?)",
+    r"|(usage|acceptable use|safety) polic|data[ _]?inspection[ _]?failed|(put|new)[ _]sensitive\b"
+    r"|sensitive[ _](content|information|words?)",
     re.IGNORECASE,
 )
+#: Those of them that no word about an account beside them puts in doubt.
+_CERTAINLY_FILTERED = re.compile(r"\bcontents? violat|safety[ _]check|usage guidelines", re.IGNORECASE)
 
 #: How they say that it is a rate, or not the request, that is forbidden, and that something will pass.
 _RATE = re.compile(r"\bper (second|minute|hour|day|month)\b|\b[tr]p[md]\b", re.IGNORECASE)
@@ -162,7 +170,8 @@ def is_about_request(status: int, said: str) -> bool:
     is_refusal = 400 <= status < 500
     if not is_refusal and _TRANSIENT.search(said):
         return False
-    if _RATE.search(said) or (status == 403 and _ACCOUNT.search(said)):
+    is_of_account = status == 403 and _ACCOUNT.search(said) and not _CERTAINLY_FILTERED.search(said)
+    if _RATE.search(said) or is_of_account:
         return False
     return bool(_CONTEXT.search(said) or _FILTERED.search(said)) or (is_refusal and bool(_TOO_LONG.search(said)))
 

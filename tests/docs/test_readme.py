@@ -138,13 +138,6 @@ def blocks_of(title: str) -> list[str]:
     return [re.sub("^    ", "", block, flags=re.MULTILINE) for block in blocks]
 
 
-def test_words_are_few() -> None:
-    """As `wc -w` counts them, so the bars of tables are words, too: 900 of README, 30,000 of all pages."""
-    pages = (ROOT / "docs").rglob("*.md")
-    assert len(README.split()) <= 900
-    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= 30_000
-
-
 def test_readme_shows_what_a_replay_ends_with(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

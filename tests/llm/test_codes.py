@@ -71,6 +71,11 @@ FILTERED: list[tuple[int, Json]] = [
 ]
 
 #: Errors that pass, whatever status they came with.
+FILTERED += [
+    (403, {"code": "The caller does not have permission", "error": "Content violates usage guidelines. SAFETY_CHECK"}),
+    (200, {"choices": None, "base_resp": {"status_code": 1026, "status_msg": "input new_sensitive"}}),
+]
+
 PASSING: list[tuple[int, Json]] = [
     (200, {"error": {"code": 429, "message": "slow down"}}),
     (200, {"error": {"code": "503", "message": "no"}}),
@@ -117,6 +122,14 @@ FINAL: list[tuple[int, Json]] = [
     (400, {"error": {"code": 400, "message": "API key not valid. Please pass a valid API key.", "status": "INVALID"}}),
     (500, {"error": {"message": "Incorrect API key provided: sk-xxxx", "code": "500"}}),
     (500, {"error": "Insufficient credits"}),
+    (
+        429,
+        {"error": {"message": "Your account o-1 is suspended, see your plan", "type": "exceeded_current_quota_error"}},
+    ),
+    (200, {"choices": None, "base_resp": {"status_code": 1008, "status_msg": "insufficient balance"}}),
+    (200, {"choices": None, "base_resp": {"status_code": 1004, "status_msg": "login fail: no key"}}),
+    (400, {"code": "Arrearage", "message": "Access denied, please make sure your account is in good standing."}),
+    (200, {"detail": "Not authenticated"}),
 ]
 
 LACKING: list[tuple[int, Json]] = [

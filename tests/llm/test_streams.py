@@ -70,6 +70,17 @@ PIECES: tuple[dict[str, Any], ...] = (
 WHOLE = json.dumps(chat()).encode()
 
 #: Bodies whose text is `hi`, of 10 and 20 tokens, by what is odd about them; the provider in front.
+
+
+def _swapped(body: dict[str, Any]) -> dict[str, Any]:
+    """Put a second choice before the first, which alone was asked for."""
+    (first,) = body["choices"]
+    return {
+        **body,
+        "choices": [{"index": 1, "message": {"content": "no"}, "finish_reason": "stop"}, {**first, "index": 0}],
+    }
+
+
 SOUND: dict[str, tuple[str, bytes]] = {
     "done behind the answer": ("openai", WHOLE + b"\n\ndata: [DONE]\n\n"),
     "done without a mark": ("openai", WHOLE + b"[DONE]"),
@@ -80,6 +91,8 @@ SOUND: dict[str, tuple[str, bytes]] = {
     "an answer in a list": ("openai", b"[" + WHOLE + b"]"),
     "the same twice": ("openai", WHOLE + b"\n" + WHOLE),
     "pieces": ("openai", events(*HALVES, *END)),
+    "pieces that say that they go on": ("openai", events(chunk("h", "null"), chunk("i", "in_progress"), *END)),
+    "choices in another order": ("openai", json.dumps(_swapped(chat())).encode()),
     "pieces without the last word": ("openai", events(*HALVES, *END, done=False)),
     "pieces without a reason": ("openai", events(*HALVES, {"choices": [], "usage": USAGE})),
     "pieces with other line ends": ("openai", events(*HALVES, *END, line="\r\n")),

@@ -23,7 +23,7 @@ _LITTER = frozenset(
         *("thumbs.db", "ehthumbs.db", "ehthumbs_vista.db", "desktop.ini", "system volume information"),
         *("$recycle.bin", "lost+found", "__pycache__", "ipod photo cache"),
         *("@eadir", "@synoresource", "@tmp", "@trash", "#recycle", "#snapshot"),
-        *("@recycle", "@recently-snapshot", "@__thumb"),
+        *("@recycle", "@recently-snapshot", "@__thumb", "@sharebin", "~snapshot", "recycle bin"),
     }
 )
 

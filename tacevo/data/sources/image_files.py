@@ -42,7 +42,15 @@ def image_files(directory: Path, pattern: str) -> list[Path]:
     """Find the images of a directory, sorted by path; hidden ones are left out (`is_passed_over`).
 
     The pattern is `*`, or `**/*` for all directories below too.
+
+    Raises:
+        DataError: one of them is a link to nothing, as in a clone whose files were not fetched.
     """
+    images = (path for path in directory.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_symlink())
+    dead = sorted(path.relative_to(directory).as_posix() for path in images if not path.exists())
+    shown = [name for name in dead if not is_passed_over(PurePath(name))]
+    remedy = "fetch them (`git annex get`, `dvc pull`) or remove them"
+    check_no_faults(f"images in {directory} are links to files that are not there", shown, remedy)
     return [path for path in _files(directory, pattern) if path.suffix.lower() in SUFFIXES]
 
 

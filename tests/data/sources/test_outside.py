@@ -95,6 +95,9 @@ def test_links_that_lead_out_are_followed_and_told(tmp_path: Path) -> None:
     (tmp_path / "classes" / "c").symlink_to(tmp_path / "disk")
     (tmp_path / "classes" / "a" / "2.png").symlink_to(tmp_path / "disk" / "2.png")
     assert folder.catalogue().linked == ["a/2.png", "c/1.png", "c/2.png"]
+    (tmp_path / "classes" / "b" / "3.png").symlink_to(tmp_path / "never fetched.png")
+    with refused(DataError, got="3.png"):
+        folder.catalogue()
 
 
 @pytest.mark.parametrize("name", ["..", "../Other", "/", "ViTacTip/../.."])
