@@ -5,6 +5,7 @@ What looks alike and is honest is admitted.
 
 import builtins
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -144,7 +145,7 @@ def test_weights_that_are_not_finite_are_the_same_weights() -> None:
 @pytest.fixture
 def classes_of_torch() -> Iterator[None]:
     """Put back what a candidate changes of the classes that its process shares with these tests."""
-    kinds = [torch.Tensor, torch.nn.Linear, torch.nn.Conv2d]
+    kinds = [torch.Tensor, torch.nn.Linear, torch.nn.Conv2d, torch.no_grad, Counter]
     before = [(kind, dict(vars(kind))) for kind in kinds]
     yield
     for kind, own in before:

@@ -195,6 +195,17 @@ def test_forward_changes_nothing_by_gradients_and_layout(forward: str) -> None:
     assert sent_by(net(forward=forward)) == sent_by(net())
 
 
+@pytest.mark.parametrize("when", ["self.training", "not self.training"])
+def test_only_steps_change_parameters(when: str) -> None:
+    """A network that waits until the probe is over, and then moves its weights, is found at the next step."""
+    forward = (
+        f"self.kept[0] += {when}; w = [self.head.weight]; self.kept[0] > 2 and w[0].data.mul_(0.9); "
+        "return self.head(x.flatten(1))"
+    )
+    *_, (header, _) = sent_by(net(construct="self.kept = [0]", forward=forward))
+    assert header["rejection"]["reason"] == Reason.changes_its_weights.value
+
+
 def test_what_learns_in_training_only_is_hidden() -> None:
     """The probe's batches are smaller than the trainer's, so what learns is compared with the list at each step."""
     forward = "y = self.head(x.flatten(1)); return y + self.kept[0](x.flatten(1)) if len(x) > 5 else y"

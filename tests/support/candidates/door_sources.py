@@ -87,6 +87,29 @@ DOORS = {
         None,
         _NAME,
     ),
+    "field whose name is changed later": _before(
+        "from dataclasses import dataclass, field\n\n\nplace = field(default=0, init=False)\n\n\n"
+        "@dataclass\nclass Base:\n    a: int = place\n\n\nplace.name = 'a if print(1) else self.a'\n\n\n"
+        "@dataclass(init=False)\nclass Below(Base):\n    b: int = 0",
+        None,
+        _NAME,
+    ),
+    "fields in a dictionary of its own": _before(
+        "from dataclasses import dataclass\n\n\n"
+        "class Words(dict):\n    def __iter__(self):\n        return iter(['a'])\n\n\n"
+        "make = type\ndataclass(make('Base', (), {'a': 0, '__annotations__': Words({'a if print(1) else 0': int})}))",
+        None,
+        _NAME,
+    ),
+    "module of an error": _before(
+        "try:\n    nn.Nothing\nexcept AttributeError as error:\n    names = error.obj.functional", _NAME, None
+    ),
+    "mode of torch by another name": _before("kind = torch.no_grad\nkind.extra = 1", None, Reason.redefines_module),
+    "class of Python by another name": _before(
+        "from collections import Counter\n\n\nkind = Counter\nkind.__init__: object = print",
+        None,
+        Reason.redefines_module,
+    ),
     "copy that sets an attribute": _before(
         "from copy import copy\n\n\nclass Some:\n    pass\n\n\n"
         "setattr(Some, '__reduce' + '_ex__', lambda self, version: (lambda: nn.Linear, (), (None, {'__call__': 1})))\n"
