@@ -100,15 +100,27 @@ def contradiction(
         return "metrics", listed(sorted(metrics)), listed(sorted(known))
     if kind is Kind.regression:
         return _contradiction_of_errors(names, metrics, counts)
-    rows, outputs = counts or (), len(names)
+    return _contradiction_of_answers(len(names), metrics, counts or (), images)
+
+
+def _contradiction_of_answers(
+    outputs: int, metrics: Mapping[str, float], rows: Confusion, images: int
+) -> tuple[str, str, str] | None:
+    """Do what `contradiction` does for a classification."""
     every = [count for row in rows for count in row]
     if not ([len(row) for row in rows] == [outputs] * outputs and sum(every) == images and min(every) >= 0):
-        return "confusion", f"{counts}", f"{outputs} rows of as many counts, {images} images in all"
+        return "confusion", f"{rows}", f"{outputs} rows of as many counts, {images} images in all"
     for name, value in counted_metrics(rows).items():
         if metrics[name] != value:
             return f"metrics.{name}", str(metrics[name]), f"{value}, by the confusion"
-    if not metrics["cross_entropy"] >= 0:
-        return "metrics.cross_entropy", str(metrics["cross_entropy"]), "0 or more"
+    loss, right = metrics["cross_entropy"], sum(row[number] for number, row in enumerate(rows))
+    # A wrong class is at least as probable as the true one, which has one half at most.
+    least = (images - right) / images * math.log(2)
+    if not loss >= least * (1 - 1e-7):
+        return "metrics.cross_entropy", str(loss), f"{rounded(least)} or more, by the wrong answers of the confusion"
+    # And a true class that is the most probable of K has 1 / K at least.
+    if right == images and not loss <= math.log(outputs) * (1 + 1e-7):
+        return "metrics.cross_entropy", str(loss), f"{rounded(math.log(outputs))} or less, as all answers are right"
     return None
 
 
