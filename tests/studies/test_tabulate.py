@@ -720,6 +720,10 @@ def test_row_that_was_edited_does_not_train_to_it(tmp_path: Path) -> None:
     first, *others = table.trainings
     assert first.full is not None
     training = replace(first.full.training, validation_losses=(0.1,))
+    names = replace(table.header, data=replace(table.header.data, names=("0.1 mm", *table.header.data.names[1:])))
+    renamed = write_table(tmp_path / "renamed.zip", names, table.networks, table.trainings)
+    with refused(DivergenceError, place="data.names"):
+        retrain_table(renamed, 1, 1, None, Progress())
     forged = [replace(first, full=replace(first.full, training=training)), *others]
     with pytest.raises(DivergenceError, match="validation_losses"):
         retrain_table(
