@@ -57,6 +57,9 @@ def verify_table(table: SpaceTable) -> None:
 def _simulated(table: SpaceTable) -> DataFacts:
     """Return what is known of simulated data before an image is drawn; the rest is as the table has it."""
     config, facts = table.header.settings, table.header.data
+    if (images := sum(facts.counts)) != config.data.images:  # before so many presses are drawn
+        place, expected = f"{table.path}, table.json, data.counts", f"{config.data.images} images in all (data.images)"
+        raise DivergenceError(str(images), place=place, expected=expected)
     try:
         catalogue = source_of(config).catalogue()
         parts = split_rows(catalogue, config.data.split, config.data.split_seed, config.data.held_out)

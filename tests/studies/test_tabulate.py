@@ -28,6 +28,7 @@ from tacevo.results.space_table import (
     MANIFEST,
     SpaceTable,
     TableTraining,
+    card,
     check_networks,
     check_size,
     is_table,
@@ -330,10 +331,12 @@ def test_network_that_is_not_in_the_table_is_an_error(table: SpaceTable, tmp_pat
         _looked_up(read_table(fewer), tmp_path)
 
 
-def test_network_that_failed_is_a_rejected_candidate(tmp_path: Path) -> None:
-    """Its row says why, and a search goes on without it."""
+def test_network_that_failed_is_a_rejected_candidate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its row says why, a replay counts it, and a search goes on without it."""
     failing = made_up_table(tmp_path / "made up.zip", *TINY, *SIZES, failing=3)
     assert failing.failures == [f"network 3, seed {seed}: not_finite" for seed in range(3)]
+    assert main(["replay", str(failing.path)]) == 0
+    assert re.search(r"\b0 networks\b.*\b3 trainings\b", capsys.readouterr().out)
     run = _looked_up(failing, tmp_path)
     rejected = {line.source for line in run.candidates if line.reason == "not_finite"}
     assert rejected == {failing.networks[3].sha256}
@@ -550,6 +553,15 @@ def test_seeds_text_and_card_follow_from_the_rows(table: SpaceTable, tmp_path: P
             verify_table(write_table(tmp_path / "genome.zip", table.header, networks, table.trainings))
 
 
+def test_claims_in_a_card_are_plain_unless_markdown_obeys_them(table: SpaceTable) -> None:
+    """So the first tables keep their README, and no text of a stranger becomes a link in it."""
+    for name, is_plain in (("AMD EPYC (R) 7_b", True), ("[a](b)", False), ("https://b", False), ("<img>", False)):
+        machine = {"cpu": name}
+        text = card(replace(table.header, machine=machine), table.networks)
+        assert (f"Machine: {canonical(machine)}\n" in text) is is_plain
+        assert (f"Machine: `{canonical(machine)}`\n" in text) is not is_plain
+
+
 def test_data_of_a_table_are_those_of_its_settings(table: SpaceTable, tmp_path: Path) -> None:
     """Where header, task and configuration say the same they agree; what follows from settings of data is compared."""
     facts, task = table.header.data, table.header.task
@@ -596,6 +608,7 @@ def test_profile_that_the_gate_does_not_give_is_seen(table: SpaceTable, tmp_path
     trained = replace(table.header, made_up=False)
     claimed = write_table(tmp_path / "claimed.zip", trained, table.networks, table.trainings)
     verify_table(claimed)
+    assert "tacevo replay" in repr(tacevo.open_table(claimed.path))  # which measures nothing
     with refused(DivergenceError, place="networks.jsonl, line 1", got="another profile"):
         measure_table(claimed, Progress())
     older = replace(trained, rules=replace(trained.rules, probe=1))
