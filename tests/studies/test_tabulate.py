@@ -556,7 +556,7 @@ def test_seeds_text_and_card_follow_from_the_rows(table: SpaceTable, tmp_path: P
 def test_claims_in_a_card_are_plain_unless_markdown_obeys_them(table: SpaceTable) -> None:
     """So the first tables keep their README, and no text of a stranger becomes a link in it."""
     for name, is_plain in (("AMD EPYC (R) 7_b", True), ("[a](b)", False), ("https://b", False), ("<img>", False)):
-        machine = {"cpu": name}
+        machine: dict[str, Json] = {"cpu": name}
         text = card(replace(table.header, machine=machine), table.networks)
         assert (f"Machine: {canonical(machine)}\n" in text) is is_plain
         assert (f"Machine: `{canonical(machine)}`\n" in text) is not is_plain
