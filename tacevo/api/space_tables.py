@@ -57,8 +57,9 @@ class SpaceTable:
         self._rows = rows
 
     def __repr__(self) -> str:
-        """Say what it is of."""
-        return f"<{self._rows.name}>"
+        """Say what it is of, and what a file alone cannot show."""
+        claimed = "" if self.is_made_up else "; profiles as the file claims: `tacevo replay FILE` measures them"
+        return f"<{self._rows.name}{claimed}>"
 
     @property
     def digest(self) -> str:

@@ -50,12 +50,15 @@ def _replay_table(options: argparse.Namespace) -> int:
     with Progress() as view:
         table = read_table(Path(options.run))
         verify_table(table)
-        told = [table.name, measure_table(table, view)]
+        told = [table.name, table.failed, measure_table(table, view)]
         if options.retrain is not None:
             draw = options.draw or 1 + secrets.randbelow(_DRAWS)
             told.append(retrain_table(table, options.retrain or None, draw, options.store, view))
     equal = "EQUAL: every network of the space, with its source, and the seeds; scores by their confusion"
-    left = "losses, predictions and weights are compared by --retrain alone; versions and machine are not compared"
+    left = (
+        "losses, predictions, weights, failed trainings and the trivial loss are compared by --retrain alone; versions "
+        "and machine are not compared"
+    )
     for text in [*told, f"{equal}; {left}"]:
         print(printable(text))
     print(f"digest: {table.digest}")

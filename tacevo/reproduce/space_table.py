@@ -2,18 +2,19 @@
 
 from dataclasses import replace
 
-from tacevo.choices import Confinement, Device, ExecutorKind
+from tacevo.choices import Confinement, DataSource, Device, ExecutorKind
 from tacevo.config.schema import ExecutorConfig, SandboxConfig, StoreConfig
+from tacevo.data.loading import split_rows
 from tacevo.environment import machine, usable_cores, versions
-from tacevo.errors import BundleError, ConfigError, DivergenceError, SandboxError
-from tacevo.records import Json, Mode, to_json
+from tacevo.errors import BundleError, ConfigError, DataError, DivergenceError, SandboxError
+from tacevo.records import DataFacts, Json, Mode, to_json
 from tacevo.reproduce.retrain import doubts_of, sampled
 from tacevo.results.space_table import CARD, SpaceTable, TableNetwork, card
 from tacevo.rules import CURRENT, LIKE_TODAY, TRAININGS_OF_STUDIES, check_known
-from tacevo.runs.datasets import load_same, trivial_of
+from tacevo.runs.datasets import load_same, source_of, trivial_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, check_means, training_seed
-from tacevo.storage.canonical import differences
+from tacevo.storage.canonical import canonical, differences
 from tacevo.studies.tabulate import members, network_of
 from tacevo.text import counted
 
@@ -21,16 +22,22 @@ from tacevo.text import counted
 def verify_table(table: SpaceTable) -> None:
     """Check that a table holds exactly the networks of its space, each genome with its source, its seeds and its card.
 
+    Of simulated data also what follows from their settings: names, and images of each part.
+
     Raises:
         BundleError: it is damaged so that this cannot be compared.
-        DivergenceError: the first network that is another one; or other seeds, or another README.
+        DivergenceError: the first network that is another one; or other seeds, other data, or another README.
     """
     config, header = table.header.settings, table.header
     if config.llm.space is None:
         raise BundleError("null", place=f"{table.path}, config.llm.space", expected="a closed space")
-    expected = members(config, header.task)
+    try:
+        expected = members(config, header.task)
+    except ConfigError as error:
+        place = f"{table.path}, table.json, {error.place}"
+        raise BundleError(error.got, place=place, expected=error.expected) from error
     for row, (network, (genome, source)) in enumerate(zip(table.networks, expected, strict=False)):
-        if (network.genome, network.source) != (genome, source):
+        if (canonical(to_json(network.genome)), network.source) != (canonical(to_json(genome)), source):
             place = f"{table.path}, networks.jsonl, line {row + 1}"
             raise DivergenceError("another", place=place, expected=f"the network of the genome {genome}")
     if len(table.networks) != len(expected):
@@ -40,9 +47,45 @@ def verify_table(table: SpaceTable) -> None:
     if header.seeds != seeds:
         place, said = f"{table.path}, seeds", f"{list(seeds)}, those that follow from seed {config.seed}"
         raise DivergenceError(f"{list(header.seeds)}", place=place, expected=said)
+    if config.data.source is DataSource.simulated:
+        _check_facts(table, _simulated(table))
     if table.card != card(header, table.networks):
         place = f"{table.path}, {CARD}"
         raise DivergenceError("another text", place=place, expected="what follows from the rows")
+
+
+def _simulated(table: SpaceTable) -> DataFacts:
+    """Return what is known of simulated data before an image is drawn; the rest is as the table has it."""
+    config, facts = table.header.settings, table.header.data
+    if (images := sum(facts.counts)) != config.data.images:  # before so many presses are drawn
+        place, expected = f"{table.path}, table.json, data.counts", f"{config.data.images} images in all (data.images)"
+        raise DivergenceError(str(images), place=place, expected=expected)
+    try:
+        catalogue = source_of(config).catalogue()
+        parts = split_rows(catalogue, config.data.split, config.data.split_seed, config.data.held_out)
+    except (ConfigError, DataError) as error:
+        raise BundleError(
+            error.got, place=f"{table.path}, table.json, {error.place}", expected=error.expected
+        ) from error
+    return replace(
+        facts,
+        kind=catalogue.kind,
+        counts=(len(parts.train), len(parts.validation), len(parts.test)),
+        in_channels=3,
+        image_size=catalogue.image_size,
+        outputs=len(catalogue.names),
+        names=catalogue.names,
+        selected=catalogue.selected,
+    )
+
+
+def _check_facts(table: SpaceTable, facts: DataFacts) -> None:
+    """Compare what a table says of its data with what they are."""
+    recorded, found = to_json(table.header.data), to_json(facts)
+    for name in sorted(recorded.keys() | found.keys()):
+        if recorded.get(name) != found.get(name):
+            place, expected = f"{table.path}, table.json, data.{name}", f"{found.get(name)}, as the data have it"
+            raise DivergenceError(f"{recorded.get(name)}", place=place, expected=expected)
 
 
 def measure_table(table: SpaceTable, view: Progress) -> str:
@@ -132,6 +175,7 @@ def retrain_table(table: SpaceTable, count: int | None, draw: int, store: str | 
     if count is not None and count < len(rows):
         rows = sampled(rows, count, draw)
     data = load_same(config, header.data, view)
+    _check_facts(table, data.facts)
     if (trivial := trivial_of(config, header.task, data)) != header.trivial:
         place = f"{table.path}, trivial"
         raise DivergenceError(str(header.trivial), place=place, expected=f"{trivial}, by the validation labels")

@@ -6,22 +6,25 @@ its hash, and finds each network trained with each seed once. What it does not: 
 """
 
 import hashlib
-import json
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
 from annotated_types import Ge, MinLen
 
+from tacevo.choices import Device
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig
+from tacevo.config.task_texts import contract_of
 from tacevo.errors import BundleError, ConfigError, TacevoError
 from tacevo.profile import Profile
 from tacevo.records import DataFacts, Json, Record, Rejection, Task, Training, to_json
-from tacevo.rules import Rules
+from tacevo.rules import CURRENT, FIRST_STUDY, KEPT_SINCE, STUDY, Rules
 from tacevo.storage.canonical import canonical, content_hash, readable
 from tacevo.storage.entries import ReadBudget
 from tacevo.storage.files import write_durably
@@ -31,7 +34,7 @@ from tacevo.training.full import FullTraining, Kept
 from tacevo.training.metrics import contradiction, metric_names
 from tacevo.typed import FreeJson, parse
 
-T = TypeVar("T")
+T = TypeVar("T", bound=Record)
 
 HEADER, NETWORKS, TRAININGS, CARD, MANIFEST = (
     "table.json",
@@ -179,6 +182,13 @@ class SpaceTable:
         ]
         return refused + failed
 
+    @property
+    def failed(self) -> str:
+        """How many networks the gate refused and how many trainings failed, in a line; none, too, is said."""
+        refused = sum(network.rejection is not None for network in self.networks)
+        failed = sum(row.rejection is not None for row in self.trainings)
+        return f"the gate refused {counted(refused, 'network')}, and {counted(failed, 'training')} failed"
+
 
 def value_of(config: RunConfig, key: str) -> object:
     """Return the value of one of `DECISIVE`."""
@@ -292,6 +302,7 @@ def _read(path: Path, _: int, size: int) -> SpaceTable:
     if manifest.decode(errors="replace") != "".join(f"{_sha256(members[n])}  {n}\n" for n in sorted(members)):
         raise _damaged(path, MANIFEST, "the checksums of the other members", "others")
     header = parse(Header, members[HEADER], place=f"{path}, {HEADER}", error=BundleError)
+    _check_rules(path, header)
     try:
         settings = header.settings
     except ConfigError as error:
@@ -305,19 +316,52 @@ def _read(path: Path, _: int, size: int) -> SpaceTable:
         trainings=tuple(_rows(TableTraining, members, TRAININGS, path)),
         card=members[CARD].decode(errors="replace"),
     )
-    _check_text(path, members)
+    _check_text(table, members)
+    _check_data(table)
     _check_rows(table)
     return table
 
 
-def _check_text(path: Path, members: Mapping[str, bytes]) -> None:
+def _check_rules(path: Path, header: Header) -> None:
+    """Check that this version knows the numbers of all rules, be they older ones."""
+    parts = [field.name for field in fields(Rules)]
+    rules = {part: (1, getattr(CURRENT, part), getattr(header.rules, part)) for part in parts}
+    for part, (first, last, number) in {**rules, "study": (FIRST_STUDY, STUDY, header.study)}.items():
+        if not first <= number <= last:
+            place, expected = f"{path}, {HEADER}, rules of {part}", f"a number from {first} to {last}"
+            remedy = "another version made it: update tacevo"
+            raise BundleError(str(number), place=place, expected=expected, remedy=remedy)
+
+
+def _check_text(table: SpaceTable, members: Mapping[str, bytes]) -> None:
     """Check that each record is written in the one way in which tables have it, so that equal rows have one digest."""
-    written = {HEADER: (readable, [members[HEADER]])}
-    written |= {name: (canonical, members[name].splitlines()) for name in (NETWORKS, TRAININGS)}
-    for name, (write, texts) in written.items():
-        for number, text in enumerate(texts, start=1):
-            if write(json.loads(text)).encode() != text:
-                raise _damaged(path, f"{name}, line {number}", "canonical JSON", "the same written otherwise")
+    written = {HEADER: readable(to_json(table.header)).encode()}
+    written |= {NETWORKS: _lines(table.networks), TRAININGS: _lines(table.trainings)}
+    for name, text in written.items():
+        if text != members[name]:
+            pairs = zip_longest(text.split(b"\n"), members[name].split(b"\n"))
+            number = next(number for number, (ours, theirs) in enumerate(pairs, start=1) if ours != theirs)
+            raise _damaged(table.path, f"{name}, line {number}", "canonical JSON", "the same written otherwise")
+
+
+def _check_data(table: SpaceTable) -> None:
+    """Check that data, task and configuration say the same of what they share."""
+    header, facts = table.header, table.header.data
+    settings, contract = header.settings, header.task.contract
+    try:
+        wanted = contract_of(settings.task, facts)
+    except ConfigError as error:
+        raise _damaged(table.path, f"{HEADER}, data", error.got, error.expected) from error
+    for what, got, expected in (
+        ("task.name", header.task.name, settings.task.name),
+        ("task.contract", to_json(contract), to_json(wanted)),
+        ("data.image_size", facts.image_size, settings.data.image_size),
+        ("data.names", len(facts.names), facts.outputs),
+    ):
+        if got != expected:
+            raise _damaged(table.path, f"{HEADER}, {what}", f"{expected}, by the configuration and the data", f"{got}")
+    if _is_negative(header.trivial):
+        raise _damaged(table.path, f"{HEADER}, trivial", "0 or more", str(header.trivial))
 
 
 def _digest(header: Header, settings: RunConfig, members: Mapping[str, bytes]) -> str:
@@ -364,16 +408,26 @@ def _check_rows(table: SpaceTable) -> None:
         if training.full is not None:
             _check_training(table, training.full, place)
     _check_seeds_differ(table)
+    _check_tests_agree(table)
+    _check_networks_differ(table)
 
 
 def _check_training(table: SpaceTable, full: FullTraining, place: str) -> None:
     """Check that a training has the epochs of the header, and that nothing of it contradicts the rest."""
-    path, facts, epochs = table.path, table.header.data, table.header.settings.training.epochs
+    path, facts, settings = table.path, table.header.data, table.header.settings.training
+    epochs = settings.epochs
     losses, of_training = full.training.validation_losses, full.training.train_losses
     if not len(losses) == len(of_training) == epochs:
         raise _damaged(path, place, f"the losses of {epochs} epochs", str(len(losses)))
     if not min(losses + of_training) >= 0:
         raise _damaged(path, place, "losses of 0 or more", str(min(losses + of_training)))
+    if any(map(_is_negative, losses)) or any(value == 0 and _is_negative(value) for value in full.metrics.values()):
+        raise _damaged(path, place, "0 without a sign", "-0.0")
+    if full.training.not_deterministic and settings.device is Device.cpu:
+        got = f"operations that are not deterministic ({', '.join(full.training.not_deterministic)})"
+        raise _damaged(path, place, "none on a CPU, where such a network is rejected", got)
+    if full.kept is None and table.header.study >= KEPT_SINCE:
+        raise _damaged(path, place, f"test predictions, which study rules {table.header.study} keep", "none")
     if full.epoch != losses.index(min(losses)) + 1:
         raise _damaged(path, place, "the epoch of the lowest validation loss", str(full.epoch))
     if full.metrics.keys() != (names := metric_names(facts.kind, facts.names)):
@@ -395,6 +449,39 @@ def _check_seeds_differ(table: SpaceTable) -> None:
             place = f"{TRAININGS}, line {number}"
             raise _damaged(table.path, place, "other weights than those of another seed", "the same")
         seen.add(key)
+
+
+def _check_tests_agree(table: SpaceTable) -> None:
+    """Check that all trainings were tested on the same labels: their digest, and the images of each true class."""
+    first: Json = None
+    for number, row in enumerate(table.trainings, start=1):
+        if row.full is None:
+            continue
+        labels = None if row.full.kept is None else row.full.kept.labels
+        tested: Json = [labels, [sum(images) for images in row.full.confusion or ()]]
+        first = tested if first is None else first
+        if tested != first:
+            place = f"{TRAININGS}, line {number}"
+            raise _damaged(table.path, place, f"the test labels of the rows above, {first}", f"{tested}")
+
+
+def _check_networks_differ(table: SpaceTable) -> None:
+    """Check that networks of different sizes have neither weights nor predictions in common."""
+    sizes: dict[str, int] = {}
+    for number, row in enumerate(table.trainings, start=1):
+        profile = table.networks[row.network].profile
+        if row.full is None or profile is None:
+            continue
+        kept, training = row.full.kept, row.full.training
+        for digest in (training.weights_sha256, training.predictions_sha256, *([kept.predictions] if kept else [])):
+            if sizes.setdefault(digest, profile.parameters) != profile.parameters:
+                place, expected = f"{TRAININGS}, line {number}", "other weights and predictions than a network's above"
+                raise _damaged(table.path, place, f"{expected} that has another number of parameters", "the same")
+
+
+def _is_negative(value: float) -> bool:
+    """Answer whether a number has a minus sign, be it that of -0.0."""
+    return math.copysign(1, value) < 0
 
 
 def card(header: Header, networks: Sequence[TableNetwork]) -> str:
@@ -421,13 +508,20 @@ def card(header: Header, networks: Sequence[TableNetwork]) -> str:
         f"Data: {train} images train, {validation} validate, {test} test, {header.data.image_size} px; fingerprint "
         f"{in_markdown(header.data.fingerprint)}.\n\n    {canonical(kept)}\n\n"
         f"Space (`llm.space`):\n\n    {canonical(None if config.llm.space is None else to_json(config.llm.space))}\n\n"
-        f"Versions: {as_code(canonical(header.versions))}\n\nMachine: {as_code(canonical(header.machine))}\n\n"
+        f"Versions: {_claimed(header.versions)}\n\nMachine: {_claimed(header.machine)}\n\n"
         "`table.json` holds the configuration, `networks.jsonl` a network a line (genome, source, profile), "
         "`trainings.jsonl` a training a line: losses of each epoch, the epoch of the lowest validation loss and its "
         "test metrics. `tacevo replay FILE --retrain N` trains N rows again, bit for bit.\n\n"
         "What it cannot say: anything of networks outside its space, of other data, or of another recipe. With few "
         "seeds the best network of a table is partly luck.\n"
     )
+
+
+def _claimed(values: Mapping[str, Json]) -> str:
+    """Write claims of a table's maker: as the first tables have them, or as code where Markdown would obey a part."""
+    parts = [canonical(part) for part in (*values, *values.values())]
+    text = canonical(values)
+    return text if all(in_markdown(part) == part for part in parts) else as_code(text)
 
 
 def _lines(rows: Iterable[Record]) -> bytes:
@@ -441,7 +535,7 @@ def _without_none(row: Json) -> Json:
 
 
 def _rows(kind: type[T], members: Mapping[str, bytes], name: str, path: Path) -> Iterable[T]:
-    for number, line in enumerate(members[name].splitlines(), start=1):
+    for number, line in enumerate(members[name].removesuffix(b"\n").split(b"\n") if members[name] else [], start=1):
         yield parse(kind, line, place=f"{path}, {name}, line {number}", error=BundleError)
 
 

@@ -17,7 +17,7 @@ from tacevo.config.task_texts import load_task
 from tacevo.data.dataset import Dataset
 from tacevo.environment import machine, versions
 from tacevo.errors import ConfigError, telling
-from tacevo.llm.grammar.parsing import parse
+from tacevo.llm.grammar.parsing import UnreadableError, parse
 from tacevo.llm.grammar.rendering import render
 from tacevo.llm.grammar.space import Genome, genomes, member
 from tacevo.profile import Admitted
@@ -87,9 +87,16 @@ def header_of(config: RunConfig, task: Task, facts: DataFacts, trivial: float, *
 
 
 def members(config: RunConfig, task: Task) -> list[tuple[Genome | None, str]]:
-    """List the task's baseline, as its file has it, and every network of a configuration's space: genome and source."""
+    """List the task's baseline, as its file has it, and every network of a configuration's space: genome and source.
+
+    Raises:
+        ConfigError: the grammar cannot read the baseline.
+    """
     assert config.llm.space is not None  # as `tabulate` checks
-    signature = parse(task.baseline).signature
+    try:
+        signature = parse(task.baseline).signature
+    except UnreadableError as error:
+        raise ConfigError(str(error), place="task.baseline", expected="a class that the grammar reads") from error
     return [(None, task.baseline), *((each, render(member(each, signature))) for each in genomes(config.llm.space))]
 
 

@@ -112,6 +112,20 @@ def contradiction(
     for name, value in metrics.items():
         if not name.startswith("r2") and not value >= 0:
             return f"metrics.{name}", str(value), "0 or more"
+    return None if counts is None or "cross_entropy" not in metrics else _contradiction_of_loss(metrics, counts)
+
+
+def _contradiction_of_loss(metrics: Mapping[str, float], counts: Confusion) -> tuple[str, str, str] | None:
+    """Compare a cross-entropy with its bounds by the answers of the confusion."""
+    loss, images = metrics["cross_entropy"], sum(map(sum, counts))
+    right = sum(row[number] for number, row in enumerate(counts))
+    # A wrong class is at least as probable as the true one, which has one half at most.
+    least = (images - right) / images * math.log(2)
+    if not loss >= least * (1 - 1e-7):
+        return "metrics.cross_entropy", str(loss), f"{rounded(least)} or more, by the wrong answers of the confusion"
+    # And a true class that is the most probable of K has 1 / K at least.
+    if right == images and not loss <= math.log(len(counts)) * (1 + 1e-7):
+        return "metrics.cross_entropy", str(loss), f"{rounded(math.log(len(counts)))} or less, as all answers are right"
     return None
 
 

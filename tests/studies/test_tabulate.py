@@ -28,13 +28,14 @@ from tacevo.results.space_table import (
     MANIFEST,
     SpaceTable,
     TableTraining,
+    card,
     check_networks,
     check_size,
     is_table,
     read_table,
     write_table,
 )
-from tacevo.rules import CURRENT, LIKE_TODAY
+from tacevo.rules import CURRENT, LIKE_TODAY, STUDY
 from tacevo.runs.estimate import describe_estimates, describe_time
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
@@ -43,6 +44,7 @@ from tacevo.storage.entries import ReadBudget
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, packed, read_members
 from tacevo.studies.of_sweep import study_sweep
+from tacevo.studies.tabulate import members as members_of
 from tacevo.studies.tabulate import tabulate
 from tacevo.sweeps.sweeping import sweep
 from tacevo.sweeps.terms import Asked
@@ -262,8 +264,8 @@ def test_digest_is_of_what_decides_the_rows(table: SpaceTable, tmp_path: Path) -
     changed = [
         digest({"training.learning_rate": 0.1}),
         digest({"gate.max_flops": 9}),
-        digest(study=1),
-        digest(trivial=1),
+        digest(study=STUDY - 1),
+        digest(trivial=1.0),
     ]
     assert len({*changed, table.digest}) == 5
 
@@ -329,10 +331,12 @@ def test_network_that_is_not_in_the_table_is_an_error(table: SpaceTable, tmp_pat
         _looked_up(read_table(fewer), tmp_path)
 
 
-def test_network_that_failed_is_a_rejected_candidate(tmp_path: Path) -> None:
-    """Its row says why, and a search goes on without it."""
+def test_network_that_failed_is_a_rejected_candidate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its row says why, a replay counts it, and a search goes on without it."""
     failing = made_up_table(tmp_path / "made up.zip", *TINY, *SIZES, failing=3)
     assert failing.failures == [f"network 3, seed {seed}: not_finite" for seed in range(3)]
+    assert main(["replay", str(failing.path)]) == 0
+    assert re.search(r"\b0 networks\b.*\b3 trainings\b", capsys.readouterr().out)
     run = _looked_up(failing, tmp_path)
     rejected = {line.source for line in run.candidates if line.reason == "not_finite"}
     assert rejected == {failing.networks[3].sha256}
@@ -395,13 +399,15 @@ def test_table_of_a_later_version_is_refused_as_one(table: SpaceTable, tmp_path:
         read_table(tmp_path / "later.zip")
 
 
-def test_row_of_unknown_rules_of_studies_is_not_trained_again(table: SpaceTable, tmp_path: Path) -> None:
-    """Another trainer would find differences that nobody made."""
-    header = replace(table.header, study=99, made_up=False)
-    later = write_table(tmp_path / "later.zip", header, table.networks, table.trainings)
-    verify_table(later)
-    with refused(RunError, expected="study rules"):
-        retrain_table(later, 1, 1, None, Progress())
+@pytest.mark.few(2)
+@pytest.mark.parametrize("number", [0, 99])
+@pytest.mark.parametrize("part", ["static", "probe", "training", "core", "study"])
+def test_table_of_unknown_rules_is_refused(table: SpaceTable, tmp_path: Path, part: str, number: int) -> None:
+    """Nobody here can say what another version's rules measured, nor whether there were such."""
+    rules = {} if part == "study" else {"rules": replace(CURRENT, **{part: number})}
+    header = replace(table.header, **({"study": number} if part == "study" else rules))
+    with refused(BundleError, place=f"rules of {part}", got=str(number), remedy="another version"):
+        write_table(tmp_path / "unknown.zip", header, table.networks, table.trainings)
 
 
 def test_rows_that_do_not_suit_each_other_are_refused(table: SpaceTable, tmp_path: Path) -> None:
@@ -445,9 +451,59 @@ def test_scores_that_contradict_each_other_are_refused(table: SpaceTable, tmp_pa
     losses = (-0.1, *full.training.validation_losses[1:])
     seeds = (table.header.seeds[0],) * 3
     copied = [replace(row, full=table.trainings[3 * row.network].full) for row in table.trainings]
+    wrong = 1 - full.metrics["accuracy"]
+    right = tuple(tuple(200 * (own == other) for other in range(7)) for own in range(7))
+    perfect = {**full.metrics, "accuracy": 1.0, "macro_f1": 1.0, "cross_entropy": 1.95}
+    one_class = ((1400, *[0] * 6), *[(0,) * 7] * 6)
+    sure = {"accuracy": 1.0, "macro_f1": 1.0, "cross_entropy": 0.1}
+    assert full.kept is not None
+    other = table.trainings[3].full
+    assert other is not None
+    assert other.kept is not None
+    first_two = (table.networks[0].profile, table.networks[1].profile)
+    assert first_two[0] is not None
+    assert first_two[1] is not None
+    assert first_two[0].parameters != first_two[1].parameters
+    trained = full.training
     for header, trainings, place in (
         (table.header, _with_first(table, metrics={**full.metrics, "accuracy": 0.99}), "metrics.accuracy"),
         (table.header, _with_first(table, metrics={**full.metrics, "cross_entropy": -0.1}), "metrics.cross_entropy"),
+        (
+            table.header,
+            _with_first(table, metrics={**full.metrics, "cross_entropy": 0.69 * wrong}),
+            "metrics.cross_entropy",
+        ),
+        (table.header, _with_first(table, metrics=perfect, confusion=right), "metrics.cross_entropy"),
+        (table.header, _with_first(table, metrics=sure, confusion=one_class), "trainings.jsonl, line 2"),
+        (
+            table.header,
+            _with_first(table, kept=replace(full.kept, labels="0" * 64)),
+            "trainings.jsonl, line 2",
+        ),
+        (table.header, _with_first(table, kept=None), "trainings.jsonl, line 1"),
+        (
+            table.header,
+            _with_first(table, kept=replace(full.kept, predictions=other.kept.predictions)),
+            "trainings.jsonl, line 4",
+        ),
+        *(
+            (
+                table.header,
+                _with_first(table, training=replace(trained, **{digest: getattr(other.training, digest)})),
+                "trainings.jsonl, line 4",
+            )
+            for digest in ("weights_sha256", "predictions_sha256")
+        ),
+        (
+            table.header,
+            _with_first(table, training=replace(trained, not_deterministic=("aten::x",))),
+            "trainings.jsonl, line 1",
+        ),
+        (
+            table.header,
+            _with_first(table, training=replace(trained, validation_losses=(-0.0,) * 4), epoch=1),
+            "trainings.jsonl, line 1",
+        ),
         (table.header, _with_first(table, metrics={"accuracy": full.metrics["accuracy"]}), "metrics"),
         (table.header, _with_first(table, confusion=fewer), "confusion"),
         (
@@ -475,6 +531,75 @@ def test_seeds_text_and_card_follow_from_the_rows(table: SpaceTable, tmp_path: P
         wider = wider if name.endswith("l") else wider.replace(b'": ', b'":  ', 1)
         with refused(BundleError, place=name):
             read_table(_with_member(table, tmp_path / f"{name}.zip", name, wider))
+    lines = _members(table.path)["trainings.jsonl"]
+    loss = str(table.header.trivial).encode()
+    for name, text in (
+        ("trainings.jsonl", lines.replace(b"\n", b"\r\n")),
+        ("trainings.jsonl", lines.replace(b"\n", b"\r")),
+        ("trainings.jsonl", lines[:-1]),
+        ("trainings.jsonl", lines + b"\n"),
+        ("trainings.jsonl", re.sub(rb'"cross_entropy":[\d.]+', b'"cross_entropy":1', lines, count=1)),
+        ("trainings.jsonl", re.sub(rb'"cross_entropy":([\d.]+)', rb'"cross_entropy":\g<1>0', lines, count=1)),
+        ("table.json", _members(table.path)["table.json"].replace(b'"trivial": ' + loss, b'"trivial": 2')),
+    ):
+        with refused(BundleError, place=name):
+            read_table(_with_member(table, tmp_path / "written.zip", name, text))
+    second = table.networks[1]
+    for value in (16.0, 0):
+        genome = {name: value if part == value else part for name, part in (second.genome or {}).items()}
+        assert canonical(genome) != canonical(second.genome)
+        networks = [table.networks[0], replace(second, genome=genome), *table.networks[2:]]
+        with refused(DivergenceError, place="networks.jsonl, line 2"):
+            verify_table(write_table(tmp_path / "genome.zip", table.header, networks, table.trainings))
+
+
+def test_claims_in_a_card_are_plain_unless_markdown_obeys_them(table: SpaceTable) -> None:
+    """So the first tables keep their README, and no text of a stranger becomes a link in it."""
+    for name, is_plain in (("AMD EPYC (R) 7_b", True), ("[a](b)", False), ("https://b", False), ("<img>", False)):
+        machine: dict[str, Json] = {"cpu": name}
+        text = card(replace(table.header, machine=machine), table.networks)
+        assert (f"Machine: {canonical(machine)}\n" in text) is is_plain
+        assert (f"Machine: `{canonical(machine)}`\n" in text) is not is_plain
+
+
+def test_data_of_a_table_are_those_of_its_settings(table: SpaceTable, tmp_path: Path) -> None:
+    """Where header, task and configuration say the same they agree; what follows from settings of data is compared."""
+    facts, task = table.header.data, table.header.task
+    narrow = replace(task.contract, in_channels=1)
+    for changes, place in (
+        ({"task": replace(task, name="force")}, "task.name"),
+        ({"data": replace(facts, in_channels=1)}, "task.contract"),
+        ({"data": replace(facts, image_size=64), "task": replace(task, contract=narrow)}, "task.contract"),
+        ({"data": replace(facts, names=facts.names[1:])}, "data.names"),
+        ({"data": replace(facts, outputs=6)}, "data"),
+        ({"trivial": -0.0}, "trivial"),
+    ):
+        with refused(BundleError, place=place):
+            write_table(tmp_path / "forged.zip", replace(table.header, **changes), table.networks, table.trainings)
+    train, validation, test = facts.counts
+    colour = replace(facts, in_channels=1), replace(task, contract=narrow)
+    for changes, place in (
+        ({"data": replace(facts, counts=(train + 1, validation, test))}, "data.counts"),
+        ({"data": replace(facts, counts=(train + 1, validation - 1, test))}, "data.counts"),
+        ({"data": replace(facts, names=("0.1 mm", *facts.names[1:]))}, "data.names"),
+        ({"data": replace(facts, selected=("data.images=700",))}, "data.selected"),
+        ({"data": colour[0], "task": colour[1]}, "data.in_channels"),
+    ):
+        forged = write_table(tmp_path / "forged.zip", replace(table.header, **changes), table.networks, table.trainings)
+        with refused(DivergenceError, place=place):
+            verify_table(forged)
+
+
+def test_baseline_that_the_grammar_cannot_read_is_an_error(table: SpaceTable, tmp_path: Path) -> None:
+    """Of a table as of a configuration that is tabulated; no traceback."""
+    source = "from torch import nn\n\n\nclass SingleLabelClassCNN(nn.Module):\n    pass\n"
+    task, digest = replace(table.header.task, baseline=source), hashlib.sha256(source.encode()).hexdigest()
+    networks = [replace(table.networks[0], source=source, sha256=digest), *table.networks[1:]]
+    other = write_table(tmp_path / "other.zip", replace(table.header, task=task), networks, table.trainings)
+    with refused(BundleError, place="task.baseline"):
+        verify_table(other)
+    with refused(ConfigError, place="task.baseline"):
+        members_of(other.header.settings, task)
 
 
 def test_profile_that_the_gate_does_not_give_is_seen(table: SpaceTable, tmp_path: Path) -> None:
@@ -483,6 +608,7 @@ def test_profile_that_the_gate_does_not_give_is_seen(table: SpaceTable, tmp_path
     trained = replace(table.header, made_up=False)
     claimed = write_table(tmp_path / "claimed.zip", trained, table.networks, table.trainings)
     verify_table(claimed)
+    assert "tacevo replay" in repr(tacevo.open_table(claimed.path))  # which measures nothing
     with refused(DivergenceError, place="networks.jsonl, line 1", got="another profile"):
         measure_table(claimed, Progress())
     older = replace(trained, rules=replace(trained.rules, probe=1))
@@ -607,6 +733,10 @@ def test_row_that_was_edited_does_not_train_to_it(tmp_path: Path) -> None:
     first, *others = table.trainings
     assert first.full is not None
     training = replace(first.full.training, validation_losses=(0.1,))
+    names = replace(table.header, data=replace(table.header.data, names=("0.1 mm", *table.header.data.names[1:])))
+    renamed = write_table(tmp_path / "renamed.zip", names, table.networks, table.trainings)
+    with refused(DivergenceError, place="data.names"):
+        retrain_table(renamed, 1, 1, None, Progress())
     forged = [replace(first, full=replace(first.full, training=training)), *others]
     with pytest.raises(DivergenceError, match="validation_losses"):
         retrain_table(
