@@ -54,10 +54,16 @@ def test_study_comes_back_as_it_was(tmp_path: Path) -> None:
     assert np.array_equal(study.values("variant 1", "mse"), [1.0, 1.1, 1.2])
 
 
-def test_confusion_comes_back(tmp_path: Path) -> None:
-    """Rows of true classes, as tuples."""
-    scores = [replace(row, confusion=((2, 1), (0, 3))) for row in SCORES if isinstance(row, ScoreLine)]
-    assert load_study(written(tmp_path / "study", scores)).scores[0].confusion == ((2, 1), (0, 3))
+def test_scores_that_contradict_each_other_are_not_read(tmp_path: Path) -> None:
+    """A regression has no confusion, and the root of an error is that of the error, whatever the hashes say."""
+    rows = [row for row in SCORES if isinstance(row, ScoreLine)]
+    for place, scores in (
+        ("confusion", [replace(row, confusion=((2, 1), (0, 3))) for row in rows]),
+        ("metrics.rmse", [replace(row, metrics={**row.metrics, "rmse": 0.9}) for row in rows]),
+        ("metrics.mse", [replace(row, metrics={**row.metrics, "mse": -0.1}) for row in rows]),
+    ):
+        with refused(RunError, place=place):
+            load_study(written(tmp_path / place, scores))
 
 
 def failed(scores: list[Row]) -> list[Row]:
