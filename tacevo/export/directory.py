@@ -34,8 +34,11 @@ from tacevo.training.weights import Weights
 #: What safetensors keeps notes under.
 _METADATA = "__metadata__"
 
-#: Bytes of all weights of an ensemble; twice as many may come as a file.
+#: Bytes of all weights of an ensemble.
 LARGEST = 512 * 2**20
+
+#: Bytes that may come beside the weights: operators, constants that were computed, and predictions.
+_BESIDE = 64 * 2**20
 
 
 def export(
@@ -89,7 +92,7 @@ def export(
         environment=environment(model.numerics),
         arrays={"images": data.images},
         equip=EQUIP,
-        answer_bytes=2 * LARGEST,
+        answer_bytes=_BESIDE + sum(value.nbytes for one in model.weights for value in one.values()),
     ) as sandbox:
         model = _checked(sandbox.run, model, source, view)
     _write(target, _contents(model, with_imports(source)))
