@@ -161,7 +161,7 @@ CHANGES: dict[str, Callable[[Any], object]] = {
 }
 
 #: Empty messages, two bytes each, by the message that has them, and its field.
-MANY = {
+MANY: dict[str, tuple[Any, str]] = {
     "notes": (onnx.ModelProto, "metadata_props"),
     "sets of operators": (onnx.ModelProto, "opset_import"),
     "nodes": (onnx.GraphProto, "node"),
