@@ -88,6 +88,11 @@ def on_a_line(text: str) -> str:
     return printable(" ".join(text.split()))
 
 
+def unbroken(text: str) -> str:
+    r"""Write a text so that it stays on its line: line breaks as the escape `\n`, the rest as of `printable`."""
+    return printable(text).replace("\n", "\\n")
+
+
 def in_markdown(text: str) -> str:
     r"""Write a text so that Markdown shows it on one line and obeys none of it: `*a*` becomes `\*a\*`.
 

@@ -5,13 +5,15 @@ Of a table, Markdown and LaTeX may show a choice of columns and notes (`Shown`);
 """
 
 import re
+import unicodedata
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import dropwhile
 
 from analysis.rounding import shown
 from analysis.table import Cell, Table
-from tacevo.text import in_markdown, listed, on_a_line
+from tacevo.text import in_markdown, listed, on_a_line, unbroken
 from tacevo.text import table as markdown
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
@@ -115,7 +117,8 @@ def as_latex(table: Table, *, prefix: str = "") -> str:
 def as_csv(table: Table) -> str:
     """Write a table as CSV (RFC 4180), unrounded: fractions as such, and an interval as three columns.
 
-    A text that a spreadsheet would compute as a formula has `'` before it.
+    Line breaks and characters that are not shown are escapes, as in the other forms; a text that a spreadsheet would
+    compute as a formula has `'` before it.
     """
     rows = tuple(tuple(_inert(cell) if isinstance(cell, str) else cell for cell in row) for row in table.rows)
     safe = replace(table, columns=tuple(map(_inert, table.columns)), rows=rows)
@@ -123,8 +126,18 @@ def as_csv(table: Table) -> str:
 
 
 def _inert(text: str) -> str:
-    """Keep a text from being a formula; a mark alone, such as `-` for nothing, is none."""
-    return f"'{text}" if re.match(r"\s*[=+@-].", text, re.DOTALL) else text
+    """Keep a text from being a formula; a mark alone, such as `-` for nothing, is none.
+
+    Some spreadsheets read wide marks, such as U+FF1D, as the usual ones, and pass over what is not seen.
+    """
+    text = unbroken(text)
+    seen = "".join(dropwhile(_is_blank, unicodedata.normalize("NFKC", text)))
+    return f"'{text}" if re.match(r"[=+@-].", seen, re.DOTALL) else text
+
+
+def _is_blank(letter: str) -> bool:
+    """Return whether a letter, as NFKC has it, shows nothing by itself; some fillers count as letters or signs."""
+    return letter.isspace() or unicodedata.category(letter)[0] in "CMZ" or letter in "\u115f\u1160\u2800"
 
 
 def numeric_columns(table: Table) -> list[bool]:

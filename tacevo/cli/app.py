@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from tacevo import __version__
-from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser
+from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser, tell
 from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.config.conf_folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
-from tacevo.text import printable
+from tacevo.text import unbroken
 
 #: By group, each command's module, whose `add_<command>` describes it, and its line in the help. A module is imported
 #: when its command is given, so that this help is quick.
@@ -101,7 +101,7 @@ def run(read: Callable[[], argparse.Namespace], *, is_process: bool) -> int:
             return status
         except KeyboardInterrupt as interruption:
             _end_at_once(is_process=is_process)
-            print(f"\ninterrupted; {_kept(interruption) or options.interrupted}", file=sys.stderr)
+            tell(f"\ninterrupted; {_kept(interruption) or options.interrupted}", error=True)
             return TERMINATED if isinstance(interruption, Terminated) else INTERRUPTED
         except BrokenPipeError:
             with contextlib.suppress(OSError):
@@ -110,12 +110,12 @@ def run(read: Callable[[], argparse.Namespace], *, is_process: bool) -> int:
         except TacevoError as error:
             _end_at_once(is_process=is_process)
             names = {BundleError: "refused", DivergenceError: "different"}
-            print(f"{names.get(type(error), 'error')}: {printable(str(error))}", file=sys.stderr)
+            tell(f"{names.get(type(error), 'error')}: {error}", error=True)
             return DIFFERENT if type(error) in names else MISTAKE
         except OSError as error:  # a full disk, a directory without permission
             _end_at_once(is_process=is_process)
             named = error.filename is not None and error.strerror is not None
-            print(f"error: {f'{error.filename}: {error.strerror}' if named else error}", file=sys.stderr)
+            tell(f"error: {unbroken(f'{error.filename}: {error.strerror}' if named else str(error))}", error=True)
             return MISTAKE
 
 

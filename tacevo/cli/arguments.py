@@ -6,12 +6,20 @@ What does the work takes seconds to import, so it is imported when the arguments
 import argparse
 import contextlib
 import importlib
-import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from tacevo.cli.common import OVERRIDE, Parser, add_config_dir, check_names, place_of_results, places_of, whole_number
+from tacevo.cli.common import (
+    OVERRIDE,
+    Parser,
+    add_config_dir,
+    check_names,
+    place_of_results,
+    places_of,
+    tell,
+    whole_number,
+)
 from tacevo.storage.places import check_place
 
 #: A run, in the help of the commands that read one.
@@ -30,7 +38,7 @@ def _later(
         if check is not None:
             check(options)
         for name in [*vars(options).get("runs", ()), *filter(None, [vars(options).get("run")])]:
-            print(f"reading {name}", file=sys.stderr)  # before the imports, which take seconds
+            tell(f"reading {name}", error=True)  # before the imports, which take seconds
         status: int = getattr(importlib.import_module(f"tacevo.cli.{module}"), f"run_{command}")(options)
         return status
 

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE, Parser, agreed, existing_store
+from tacevo.cli.common import DIFFERENT, DONE, Parser, agreed, existing_store, tell
 from tacevo.reproduce.entry_files import import_file, write_entries
 from tacevo.reproduce.prune import unused
 from tacevo.runs.progress import Progress
@@ -40,15 +40,15 @@ def add_cache(parser: Parser) -> None:
 
 
 def _ls(options: argparse.Namespace) -> int:
-    print(list_stores(Path(options.store)))
+    tell(list_stores(Path(options.store)))
     return DONE
 
 
 def _verify(options: argparse.Namespace) -> int:
     problems, files = verify(Path(options.store))
     for problem in problems:
-        print(problem)
-    print(f"{files - len(problems)} of {files} entries are sound")
+        tell(problem)
+    tell(f"{files - len(problems)} of {files} entries are sound")
     return DIFFERENT if problems else DONE
 
 
@@ -58,30 +58,28 @@ def _prune(options: argparse.Namespace) -> int:
     with Progress() as view:
         files, runs = unused(root, [Path(folder) for folder in options.runs], view)
     if not files:
-        print(f"every entry of {root} is needed by {counted(runs, 'run')}")
+        tell(f"every entry of {root} is needed by {counted(runs, 'run')}")
         return DONE
-    print(list_entries(root, files))
-    print(
-        f"{counted(runs, 'run')} here need none of these. A run elsewhere may; a model's answers would be paid again."
-    )
+    tell(list_entries(root, files))
+    tell(f"{counted(runs, 'run')} here need none of these. A run elsewhere may; a model's answers would be paid again.")
     if not agreed(f"remove {counted(len(files), 'file')} from {root}?", options.yes):
         return DIFFERENT
     for file in files:
         file.unlink(missing_ok=True)
-    print(f"removed: {counted(len(files), 'file')}; images stay in {root / 'data'}, and are made again where they lack")
+    tell(f"removed: {counted(len(files), 'file')}; images stay in {root / 'data'}, and are made again where they lack")
     return DONE
 
 
 def _export(options: argparse.Namespace) -> int:
     with Progress() as view:
         entries = write_entries(Path(options.run), Path(options.output), options.store, view)
-    print(f"{entries} entries are in {options.output}")
+    tell(f"{entries} entries are in {options.output}")
     return DONE
 
 
 def _import(options: argparse.Namespace) -> int:
     written, standing, passed_over = import_file(Path(options.file), Path(options.store))
-    print(f"{written} entries written, {standing} were there already")
+    tell(f"{written} entries written, {standing} were there already")
     if passed_over:
-        print(f"{passed_over} passed over: files of candidates, and full trainings without their test predictions")
+        tell(f"{passed_over} passed over: files of candidates, and full trainings without their test predictions")
     return DONE

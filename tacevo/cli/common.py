@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from tacevo.errors import ConfigError
-from tacevo.text import listed, nearest
+from tacevo.text import listed, nearest, printable
 
 #: Exit status: done; a comparison or verification failed; the user's mistake; interrupted by Ctrl-C, or by SIGTERM.
 DONE, DIFFERENT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
@@ -109,18 +109,23 @@ def output_directory(name: str | Path) -> Path:
     return directory
 
 
+def tell(text: object = "", *, error: bool = False, end: str = "\n", flush: bool = False) -> None:
+    """Print a text, whoever wrote it, so that the terminal obeys none of it; `error` is on standard error."""
+    print(printable(str(text)), file=sys.stderr if error else sys.stdout, end=end, flush=flush)
+
+
 def agreed(question: str, yes: bool) -> bool:
     """Ask before something goes for good; without a terminal, where nobody answers, the answer is no."""
     if yes:
         return True
     try:
-        answer = input(f"{question} [y/N] ")
+        answer = input(printable(f"{question} [y/N] "))
     except EOFError:
         answer = ""
-        print()
+        tell()
     if answer.strip().lower() in {"y", "yes"}:
         return True
-    print("nothing was removed (--yes asks nothing)")
+    tell("nothing was removed (--yes asks nothing)")
     return False
 
 

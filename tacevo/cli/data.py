@@ -5,7 +5,7 @@ import json
 
 from rich.console import Console
 
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir, tell
 from tacevo.records import to_json
 from tacevo.runs.data_check import inspect_data, show, simulate
 from tacevo.runs.data_report import report
@@ -58,15 +58,15 @@ def add_data(parser: Parser) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     inspection = inspect_data(options.overrides, options.output, Console(stderr=True))
-    print(json.dumps(to_json(inspection), indent=2) if options.json else report(inspection))
+    tell(json.dumps(to_json(inspection), indent=2) if options.json else report(inspection))
     return DIFFERENT if inspection.leaks else DONE
 
 
 def _show(options: argparse.Namespace) -> int:
-    print(f"look: {show(options.overrides, options.output, options.width, Console(stderr=True))}")
+    tell(f"look: {show(options.overrides, options.output, options.width, Console(stderr=True))}")
     return DONE
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    print(simulate(options.overrides, Console(stderr=True)))
+    tell(simulate(options.overrides, Console(stderr=True)))
     return DONE

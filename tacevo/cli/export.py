@@ -7,10 +7,9 @@ from dataclasses import fields
 from typing import Any
 
 from tacevo.api.opening import open_run
-from tacevo.cli.common import DONE, existing_store
+from tacevo.cli.common import DONE, existing_store, tell
 from tacevo.errors import ConfigError
 from tacevo.export.trainings import ExportSettings
-from tacevo.text import printable
 
 
 def run_export(options: argparse.Namespace) -> int:
@@ -19,7 +18,7 @@ def run_export(options: argparse.Namespace) -> int:
     run = open_run(options.run, store=existing_store(options.store))
     to = {"register": options.register, "uri": options.uri}
     run.export(options.candidate, options.output, retrained=options.retrained, **to, **settings)
-    print(printable(f"{options.output}: README.md says how to use it"))
+    tell(f"{options.output}: README.md says how to use it")
     return DONE
 
 

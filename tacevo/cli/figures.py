@@ -16,7 +16,7 @@ from analysis.table import Table
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.arguments import FORMATS
-from tacevo.cli.common import DIFFERENT, DONE, output_directory, places_of
+from tacevo.cli.common import DIFFERENT, DONE, output_directory, places_of, tell
 from tacevo.cli.tables import open_all, print_table, remarks_of, say, status_of
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, DataError, RunError
@@ -45,7 +45,7 @@ def run_figures(options: argparse.Namespace) -> int:
             write_pictures(pictures, directory, endings, on_drawn)
         current = {picture.name for picture in pictures}
         say([*missing, *left_of_studies(directory, current, [f".{name}" for name in FORMATS])])
-        print(f"figures: {directory}")
+        tell(f"figures: {directory}")
     return max(map(status_of, opened))
 
 
@@ -94,8 +94,8 @@ def run_ablations(options: argparse.Namespace) -> int:
     remarks = sweep.left_out
     say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
     if collected.ablation.primary in TESTED and collected.sweep.terms.retraining is None:
-        print(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', options.runs[0]))} seeds=5")
-    print(f"tables and figures: {directory} (index.md says which question each answers)")
+        tell(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', options.runs[0]))} seeds=5")
+    tell(f"tables and figures: {directory} (index.md says which question each answers)")
     return DIFFERENT if collected.ablation.unequal_twins else DONE
 
 

@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 
 from tacevo.choices import SensorTask
-from tacevo.cli.common import DONE, Parser, add_config_dir
+from tacevo.cli.common import DONE, Parser, add_config_dir, tell
 from tacevo.config.conf_folder import own_root
 from tacevo.config.new_task import write_task
 from tacevo.config.schema import TaskConfig
@@ -54,22 +54,22 @@ def _init(options: argparse.Namespace) -> int:
     }
     places = {name: os.path.relpath(own_root() / name) for name in files}
     for name, what in files.items():
-        print(f"wrote:  {places[name]} ({'to edit: ' if supplement is None else ''}{what})")
+        tell(f"wrote:  {places[name]} ({'to edit: ' if supplement is None else ''}{what})")
     for words in left_of_others(task):
-        print(f"edit:   {words}")
+        tell(f"edit:   {words}")
     images = _images(task)
     if supplement is not None:
         images = _RELEASED + (_OF_GRATINGS if like == SensorTask.grating else "")
     tacevo, own = as_typed("tacevo"), f"task={options.name} {images}"
     where = "" if options.config_dir is None else f" --config-dir {shlex.quote(options.config_dir)}"
-    print(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {options.name}{where}")
+    tell(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {options.name}{where}")
     if like in list(SensorTask):  # the simulation goes by the name, and is for the old outputs
         lent = f"task={options.name} task.name={like}"
-        print(f"try:    {tacevo} search experiment=demo {lent}{where}  # before the edit, on simulated images")
+        tell(f"try:    {tacevo} search experiment=demo {lent}{where}  # before the edit, on simulated images")
     own = f"experiment={_SMALL[task.kind] if supplement is None else f'paper_{like}'} {own}{where}"
     model = "" if supplement is None else " llm=anthropic"  # which experiments of the paper leave open
-    print(f"look:   {tacevo} data check {own}{model}  # says what is still the other task's")
-    print(f"next:   {tacevo} search {own}{model}")
+    tell(f"look:   {tacevo} data check {own}{model}  # says what is still the other task's")
+    tell(f"next:   {tacevo} search {own}{model}")
     return DONE
 
 

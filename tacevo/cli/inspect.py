@@ -4,14 +4,13 @@ import argparse
 import json
 import os
 import shutil
-import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, Parser, add_config_dir
+from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, Parser, add_config_dir, tell
 from tacevo.config.conf_folder import config_roots
 from tacevo.config.schema import StoreConfig
 from tacevo.config.task_texts import facts_without_data
@@ -50,9 +49,9 @@ def _check(options: argparse.Namespace) -> int:
         verdict = judged | {"file": name}  # as it was typed
         if verdict["verdict"] == UNREADABLE:
             status = MISTAKE
-            print(f"error: {printable(str(verdict['detail']))}", file=sys.stderr, flush=True)
+            tell(f"error: {printable(str(verdict['detail']))}", error=True, flush=True)
         if options.json or verdict["verdict"] != UNREADABLE:
-            print(json.dumps(verdict) if options.json else printable(_words(verdict)), flush=True)
+            tell(json.dumps(verdict) if options.json else printable(_words(verdict)), flush=True)
     return status
 
 
@@ -70,7 +69,7 @@ def add_doctor(parser: Parser) -> None:
 
 def _doctor(options: argparse.Namespace) -> int:
     findings, sound = examine()
-    print(findings)
+    tell(findings)
     return DONE if sound else DIFFERENT
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from tacevo.api.pages import pages
 from tacevo.bundles.publish import publish
 from tacevo.bundles.readme import Terms
-from tacevo.cli.common import DONE
+from tacevo.cli.common import DONE, tell
 from tacevo.runs.progress import Progress
 from tacevo.text import counted, listed
 
@@ -25,11 +25,11 @@ def run_publish(options: argparse.Namespace) -> int:
             studies=tuple(map(Path, options.studies)),
             store=None if options.store is None else Path(options.store),
         )
-    print(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
-    print(f"licence: {terms.licence}")
-    print(f"author: {listed(terms.authors, 'anonymous (--author NAME says who)')}")
+    tell(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
+    tell(f"licence: {terms.licence}")
+    tell(f"author: {listed(terms.authors, 'anonymous (--author NAME says who)')}")
     if done.test_labels:
-        print(f"the labels of {counted(done.test_labels, 'test image')} are in it")
-    print(f"{done.subject.what}: {done.subject.digest}")
-    print(f"bundle digest: {done.digest}")
+        tell(f"the labels of {counted(done.test_labels, 'test image')} are in it")
+    tell(f"{done.subject.what}: {done.subject.digest}")
+    tell(f"bundle digest: {done.digest}")
     return DONE

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE, Parser, agreed
+from tacevo.cli.common import DIFFERENT, DONE, Parser, agreed, tell
 from tacevo.storage.removal import removable
 from tacevo.text import table
 
@@ -24,11 +24,11 @@ def _rm(options: argparse.Namespace) -> int:
     path = Path(options.run)
     with removable(path) as remove:
         rows = [[each.name, f"{_size(each) / 1e6:.2f} MB"] for each in sorted(path.iterdir()) if each.name != ".lock"]
-        print(table(["goes", "size"], rows))
+        tell(table(["goes", "size"], rows))
         if not agreed(f"remove {path}?", options.yes):
             return DIFFERENT
         remove()
-    print(f"removed: {path}; its answers stay in the stores (`tacevo cache prune`)")
+    tell(f"removed: {path}; its answers stay in the stores (`tacevo cache prune`)")
     return DONE
 
 

@@ -12,7 +12,7 @@ from analysis.report.page.html import as_html
 from tacevo.api.page import page_of
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
-from tacevo.cli.common import existing_store, output_directory, place_of_results
+from tacevo.cli.common import existing_store, output_directory, place_of_results, tell
 from tacevo.cli.figures import drawable, progress_of
 from tacevo.cli.tables import open_all, remarks_of, say, status_of, with_published
 from tacevo.results.study import check_alike
@@ -29,15 +29,15 @@ def run_report(options: argparse.Namespace) -> int:
     if source.parent.is_file():
         name = f"{source.parent.name}/{name}"
     if options.follow and source.is_dir():
-        print(f"report: {path}", flush=True)
-        follow(source, path, None if store is None else Path(store), partial(print, flush=True))
+        tell(f"report: {path}", flush=True)
+        follow(source, path, None if store is None else Path(store), partial(tell, flush=True))
     (one,) = open_all(options.runs, store)
     with Progress() as view:
         page, missing = page_of(one, name, view.say)
     write_durably(path, as_html(page))
     runs = (one,) if isinstance(one, Run) else one.runs
     say([*(remark for run in runs if status_of(run) for remark in remarks_on(run)), *missing])
-    print(f"report: {path}")
+    tell(f"report: {path}")
     return max(map(status_of, runs))
 
 
@@ -56,11 +56,11 @@ def _document(options: argparse.Namespace) -> int:
     # LaTeX reads no file whose name holds certain characters, so runs are numbered.
     chapters += [_chapter(one, directory / f"run{number}") for number, one in enumerate(shown, start=1)]
     document = write_document(chapters, directory)
-    print(f"document: {document}")
+    tell(f"document: {document}")
     with Progress():
         pdf = make_pdf(document, shutil.which)
     engines = " or ".join(command[0] for command, _ in ENGINES)
-    print(f"PDF: {pdf}" if pdf else f"no PDF: install {engines}, and run the same command again")
+    tell(f"PDF: {pdf}" if pdf else f"no PDF: install {engines}, and run the same command again")
     return max(map(status_of, shown))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from tacevo.api.replaying import digest_of, extended, replay
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.verify import Rerun, Verified
-from tacevo.cli.common import DIFFERENT, DONE, existing_store
+from tacevo.cli.common import DIFFERENT, DONE, existing_store, tell
 from tacevo.costs import in_words, total
 from tacevo.reproduce.compare import compare
 from tacevo.reproduce.retrain import retrain
@@ -18,7 +18,7 @@ from tacevo.results.run import read_run
 from tacevo.results.space_table import is_table, read_table
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
-from tacevo.text import counted, listed, printable
+from tacevo.text import counted, listed
 
 #: How many draws there are: more than an author can prepare for, and few digits to type again.
 _DRAWS = 10**9
@@ -41,7 +41,7 @@ def run_replay(options: argparse.Namespace) -> int:
         if options.retrain is not None:
             told.append(_retrain(done.runs, options, view))
     for text in [*told, _verdict(done), f"digest: {digest_of(place, done)}"]:
-        print(printable(text))
+        tell(text)
     return DONE
 
 
@@ -60,8 +60,8 @@ def _replay_table(options: argparse.Namespace) -> int:
         "and machine are not compared"
     )
     for text in [*told, f"{equal}; {left}"]:
-        print(printable(text))
-    print(f"digest: {table.digest}")
+        tell(text)
+    tell(f"digest: {table.digest}")
     return DONE
 
 
@@ -113,7 +113,7 @@ def _diff(options: argparse.Namespace) -> int:
     other = opened(Path(options.diff))
     remedy = "name the directories of two runs, of a sweep those of two jobs (of a published one SWEEP.zip/JOB)"
     is_equal, said = compare(*(read_run(each.one_run(remedy)) for each in (one, other)))
-    print(printable(said))
+    tell(said)
     return DONE if is_equal else DIFFERENT
 
 

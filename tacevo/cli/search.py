@@ -2,7 +2,6 @@
 
 import argparse
 import shlex
-import sys
 from collections.abc import Iterable
 from dataclasses import asdict
 from functools import partial
@@ -11,7 +10,7 @@ from pathlib import Path
 import yaml
 
 from tacevo.choices import DataSource, Primary, Tracking
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir, tell
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.conf_folder import check_experiment, groups
@@ -79,7 +78,7 @@ def _describe_settings() -> str:
 
 def _search(options: argparse.Namespace) -> int:
     if options.cfg or options.resolve or options.info:
-        print(yaml.safe_dump(to_json(compose(options.overrides)), sort_keys=False), end="")
+        tell(yaml.safe_dump(to_json(compose(options.overrides)), sort_keys=False), end="")
         return DONE
     if options.into is not None and not options.multirun:
         options.parser.error("--into names the directory of a sweep, so it needs -m; for one search, set run.dir=DIR")
@@ -116,28 +115,28 @@ def _estimate(options: argparse.Namespace) -> int:
         later = partial(describe_estimates, jobs)
     else:
         jobs = [("", config := compose_estimate(options.overrides))]
-        print(describe_cost(config), end="\n\n", flush=True)
+        tell(describe_cost(config), end="\n\n", flush=True)
         later = partial(describe_time, config)
     with Progress() as view:
         if any(one.data.source is not DataSource.table for _, one in jobs):
             view.say(MEASURING)
         told = later()
-    print(told)
+    tell(told)
     return DONE
 
 
 def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     """Print on one screen what a search found, where all of it is to be seen, remarks, and what to do next."""
     tacevo, run = as_typed("tacevo"), shlex.quote(str(result.directory))
-    print(result.summary)
-    print(f"read:   {result.directory / 'summary.md'}")
-    print(f"look:   {tacevo} show {run} {result.best}")
-    print(f"verify: {tacevo} replay {run}")
+    tell(result.summary)
+    tell(f"read:   {result.directory / 'summary.md'}")
+    tell(f"look:   {tacevo} show {run} {result.best}")
+    tell(f"verify: {tacevo} replay {run}")
     for remark in remarks:
-        print(remark)
+        tell(remark)
     if result.succeeded and not result.looked_up:
-        print(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
-    print(f"digest: {result.digest}")
+        tell(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
+    tell(f"digest: {result.digest}")
 
 
 def add_multirun(search: argparse.ArgumentParser) -> None:
@@ -195,10 +194,10 @@ def run_sweep(options: argparse.Namespace) -> int:
     """Run the jobs of a sweep that are not finished; the status is 1 if one is not finished then."""
     with Progress() as view:
         directory, statuses = sweep(options.overrides, options.into, view, asked=_asked(options))
-    print(describe_jobs(statuses))
-    print(f"\nsweep: {directory}")
+    tell(describe_jobs(statuses))
+    tell(f"\nsweep: {directory}")
     is_finished = all(status.standing is Standing.finished for status in statuses)
-    print(f"next:  {_after(directory) if is_finished else 'the same command, which runs what is not finished'}")
+    tell(f"next:  {_after(directory) if is_finished else 'the same command, which runs what is not finished'}")
     return DONE if is_finished else DIFFERENT
 
 
@@ -229,7 +228,7 @@ def _track(options: argparse.Namespace) -> int:
     with Progress() as view:
         done, failed = track(Path(options.directory), options.uri, partial(view.advance, "runs"))
     for reason in failed:
-        print(f"failed: {reason}", file=sys.stderr)
+        tell(f"failed: {reason}", error=True)
     for uri, number in done.items():
-        print(f"{counted(number, 'run')} of {options.directory} in MLflow: {viewing(uri, as_typed('mlflow'))}")
+        tell(f"{counted(number, 'run')} of {options.directory} in MLflow: {viewing(uri, as_typed('mlflow'))}")
     return DIFFERENT if failed else DONE

@@ -11,7 +11,7 @@ from textwrap import fill
 from analysis.report.collection import outcomes, read_studies
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
-from tacevo.cli.common import DONE
+from tacevo.cli.common import DONE, tell
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine
 from tacevo.evolution.prompts import SAMPLING
@@ -29,7 +29,7 @@ from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.status import describe_jobs, status_of
 from tacevo.sweeps.terms import describe_terms
-from tacevo.text import in_markdown, printable, table
+from tacevo.text import in_markdown, table
 
 
 def run_show(options: argparse.Namespace) -> int:
@@ -51,7 +51,7 @@ def run_show(options: argparse.Namespace) -> int:
         text = show_candidate(path, options.candidate)
     else:
         text = show_run(path, store)
-    print(printable(text), end="")
+    tell(text, end="")
     return DONE
 
 
@@ -96,8 +96,13 @@ def show_run(path: Path, store: Path | None = None) -> str:
         expected = "trained candidates of the ledger"
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
     paragraphs = read_note(path)
-    note = "\n\n".join([HEADING, *(fill(words, 110) for words in paragraphs), ""]) if paragraphs else ""
+    note = "\n\n".join([HEADING, *(_quoted(words) for words in paragraphs), ""]) if paragraphs else ""
     return f"{summarise(known)}\n{_studied(known) if finished else ''}{note}{state}\n"
+
+
+def _quoted(paragraph: str) -> str:
+    """Write a paragraph of a note as a quotation, which no line of the summary is."""
+    return fill(printable(paragraph), 110, initial_indent="> ", subsequent_indent="> ")
 
 
 def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:

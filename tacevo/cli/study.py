@@ -16,7 +16,7 @@ from analysis.tables.plan import plan_table
 from analysis.tables.transfer import transfer_tables
 from tacevo.api.planning import planned_from, write_plan
 from tacevo.choices import DataSource
-from tacevo.cli.common import DIFFERENT, DONE, output_directory
+from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
 from tacevo.cli.tables import print_table, say
 from tacevo.config.compose import compose_elsewhere, compose_noise, compose_study, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
@@ -114,7 +114,7 @@ def _study_each(config: StudyConfig, each: Sequence[Sequence[str]]) -> int:
     for name in [name for name in done if name not in told]:  # nothing can be set beside it
         _show(done[name], config.store.root)
     if told:
-        print(f"look:   {as_typed('tacevo')} tables {shlex.quote(str(run.path))}")
+        tell(f"look:   {as_typed('tacevo')} tables {shlex.quote(str(run.path))}")
     return max(statuses)
 
 
@@ -124,8 +124,8 @@ def _report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[
         _introduce(one, what)
         statuses.append(_end(one, remedy))
     for job in unfinished:
-        print(f"no {what}, for it is not finished: {job}")
-    print(f"next:   {as_typed('tacevo')} ablations {shlex.quote(str(sweep))}")
+        tell(f"no {what}, for it is not finished: {job}")
+    tell(f"next:   {as_typed('tacevo')} ablations {shlex.quote(str(sweep))}")
     return DIFFERENT if unfinished else max(statuses)
 
 
@@ -145,14 +145,14 @@ def run_noise(options: argparse.Namespace) -> int:
         elites = min(len(StudyDirectory(studied.directory).read().networks) - 1, usual.elites)
         trainings = f"{counted((elites + 1) * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"
         command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=reestimated elites={elites}"
-        print(f"next:   {command}    # {trainings}")
+        tell(f"next:   {command}    # {trainings}")
     return _end(studied, "lower elites=")
 
 
 def _introduce(studied: Studied, what: str) -> None:
     before = f", {studied.recorded} of them recorded already" if studied.recorded else ""
     twice = f", {studied.twice} of them made twice, as above" if studied.twice else ""
-    print(f"{what}: {studied.directory} ({counted(studied.trainings, 'training')}{before}{twice})")
+    tell(f"{what}: {studied.directory} ({counted(studied.trainings, 'training')}{before}{twice})")
 
 
 def _show(studied: Studied, store: str | None) -> RecordedRun:
@@ -163,17 +163,17 @@ def _show(studied: Studied, store: str | None) -> RecordedRun:
         print_table(table, Console())
         say(why for why in studies.left_out + studies.remarks if studied.directory.name in why)
     for command in ("tables", "report"):
-        print(f"look:   {as_typed('tacevo')} {command} {shlex.quote(str(run.path))}")
+        tell(f"look:   {as_typed('tacevo')} {command} {shlex.quote(str(run.path))}")
     return run
 
 
 def _end(studied: Studied, remedy: str) -> int:
     """Print which trainings failed, and the digest; return the exit status."""
     for row in studied.failed:
-        print(f"failed: {row}")
+        tell(f"failed: {row}")
     if studied.failed:
-        print(f"no statistics without these: {remedy}")
-    print(f"digest: {studied.digest}")
+        tell(f"no statistics without these: {remedy}")
+    tell(f"digest: {studied.digest}")
     return DIFFERENT if studied.failed else DONE
 
 
@@ -185,7 +185,7 @@ def run_plan(options: argparse.Namespace) -> int:
     print_table(plan_table(planned), Console())
     made = write_plan(planned, directory)
     if made is None:
-        print("no plan: wish for a larger effect or a lower power, or compare fewer")
+        tell("no plan: wish for a larger effect or a lower power, or compare fewer")
         return DIFFERENT
-    print(f"plan: {directory / 'plan.json'}, {made.dated}")
+    tell(f"plan: {directory / 'plan.json'}, {made.dated}")
     return DONE

@@ -5,7 +5,6 @@ draws at import: Matplotlib takes a second.
 """
 
 import argparse
-import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -22,10 +21,10 @@ from analysis.tables.rendering import WRITERS, Notes, Shown, as_latex, as_markdo
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
-from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, places_of
+from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, places_of, tell
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
-from tacevo.text import in_markdown, nearest, printable
+from tacevo.text import in_markdown, nearest, printable, unbroken
 
 _INDEXED = "index.md says which question each answers"
 
@@ -50,7 +49,7 @@ def run_tables(options: argparse.Namespace) -> int:
         write_tables(beside, output_directory(options.output), runs=[place.name for place in places], show=show)
     _print(beside, show, options.latex)
     if options.output is not None:
-        print(f"tables: {options.output} ({_INDEXED})")
+        tell(f"tables: {options.output} ({_INDEXED})")
     return max(map(status_of, opened), default=DONE)
 
 
@@ -67,10 +66,10 @@ def _write(
         _check_columns(show, tables)
         write_tables(tables, directory, prefix=prefix, show=show)
     say(remarks)
-    print(f"# {in_markdown(one.name)}\n")
+    tell(f"# {in_markdown(one.name)}\n")
     _print(tables, show, latex, prefix)
     say([*missing, *left_of_studies(directory, set(map(place_of, tables)), WRITERS)])
-    print(f"tables: {directory} ({_INDEXED})")
+    tell(f"tables: {directory} ({_INDEXED})")
 
 
 def _check_columns(show: Shown, tables: Sequence[Table]) -> None:
@@ -89,7 +88,7 @@ def _check_columns(show: Shown, tables: Sequence[Table]) -> None:
 def _print(tables: Iterable[Table], show: Shown, latex: bool, prefix: str = "") -> None:
     """Print the tables that a paper needs."""
     shown_ones = map(show.of, for_paper(tables))
-    print("\n".join(as_latex(table, prefix=prefix) if latex else as_markdown(table) for table in shown_ones))
+    tell("\n".join(as_latex(table, prefix=prefix) if latex else as_markdown(table) for table in shown_ones))
 
 
 def open_all(names: Sequence[str], store: str | None) -> list[Run | Sweep]:
@@ -116,7 +115,7 @@ def status_of(one: Run | Sweep) -> int:
 def print_table(table: Table, console: Console) -> None:
     """Print one table with its notes: for a person on a terminal, else as Markdown."""
     if not console.is_terminal:
-        print(as_markdown(table))
+        tell(as_markdown(table))
         return
     grid = Grid(title=Text(printable(table.caption)), title_justify="left", box=None, pad_edge=False)
     cells = [[printable(shown(cell)) for cell in row] for row in table.rows]
@@ -135,6 +134,6 @@ def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:
 
 
 def say(remarks: Iterable[str]) -> None:
-    """Print remarks on standard error."""
+    """Print remarks on standard error, a line each."""
     for remark in remarks:
-        print(remark, file=sys.stderr)
+        tell(unbroken(remark), error=True)

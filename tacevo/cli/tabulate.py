@@ -4,7 +4,7 @@ import argparse
 import shlex
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE, output_directory
+from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
 from tacevo.config.compose import compose
 from tacevo.config.conf_folder import check_experiment
 from tacevo.environment import as_typed
@@ -23,11 +23,11 @@ def run_tabulate(options: argparse.Namespace) -> int:
         raise ConfigError(f"the directory {target}", place="-o", expected="the file to write")
     with Progress() as view:
         table = tabulate(config, target, view)
-    print(f"table:  {options.output} ({table.name})")
+    tell(f"table:  {options.output} ({table.name})")
     for line in table.failures:
-        print(f"failed: {line}")
+        tell(f"failed: {line}")
     place = shlex.quote(options.output)
-    print(f"verify: {as_typed('tacevo')} replay {place} --retrain 5")
-    print(f"next:   {as_typed('tacevo')} search experiment=space data=table data.root={place}")
-    print(f"digest: {table.digest}")
+    tell(f"verify: {as_typed('tacevo')} replay {place} --retrain 5")
+    tell(f"next:   {as_typed('tacevo')} search experiment=space data=table data.root={place}")
+    tell(f"digest: {table.digest}")
     return DIFFERENT if table.failures else DONE

@@ -226,9 +226,14 @@ def _studied(model: Exported) -> str:
     told = []
     for name in ("mse", "r2") if model.is_regression else ("accuracy", "macro_f1"):
         told.append(f"{name} {_quartiles([score.metrics[name] for score in model.plan.scores], 4)}")
+    study, count = model.plan.study, len(model.plan.scores)
+    assert study is not None  # whose scores these are
+    again = {one.key for one in model.trained if one.was_recorded} & {score.evaluation for score in model.plan.scores}
+    others = "" if len(again) == count else f", and the other {count - len(again)} are the word of whoever made the run"
     return (
-        f"Over {len(model.plan.scores)} seeds the run's study found, as median and quartiles: {listed(told)}. This was "
-        "computed again from its recorded test predictions; trained again were only the seeds named above."
+        f"{len(again)} of its {count} seeds {'was' if len(again) == 1 else 'were'} trained again here{others}: the "
+        f"run's study found, as median and quartiles, {listed(told)}. This was computed again from its recorded test "
+        "predictions and the labels of the data."
     )
 
 

@@ -116,7 +116,7 @@ def convert(header: Header, payload: bytes, arrays: Arrays, send: Send) -> objec
 
 
 def check(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
-    """Run an ONNX file on images of the data set, then time it.
+    """Let ONNX check a file, run it on images of the data set, then time it.
 
     Args:
         header: `rows`, the number of images that are predicted; `runs_onnx`.
@@ -126,6 +126,8 @@ def check(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
             float32 of shape (rows, K).
     """
     rows = np.frombuffer(payload, np.int64, header["rows"])
+    checker: Any = importlib.import_module("onnx.checker")
+    checker.check_model(payload[rows.nbytes :], full_check=True)
     model = _onnx(payload[rows.nbytes :])
     outputs = _predicted(model, arrays, rows)
     timed = {str(size): _times(model, _pixels(arrays, np.resize(rows, size))) for size in (1, _BATCH)}

@@ -34,8 +34,11 @@ from tacevo.training.weights import Weights
 #: What safetensors keeps notes under.
 _METADATA = "__metadata__"
 
-#: Bytes of all weights of an ensemble; twice as many may come as a file.
+#: Bytes of all weights of an ensemble.
 LARGEST = 512 * 2**20
+
+#: Bytes that may come beside the weights: operators, constants that were computed, and predictions.
+_BESIDE = 64 * 2**20
 
 
 def export(
@@ -57,7 +60,7 @@ def export(
         ConfigError: the target exists; or packages of the extra are missing; or this machine cannot train so.
         DataError: the data set is missing, or is another one.
         DivergenceError: with `retrained`, a training is not as recorded; or a study of it does not follow from the
-            stores.
+            stores and the data.
         RunError: with `retrained`, one is not recorded; or the source was edited, the network is too large, does not
             train to the end, or says something else with its weights alone. What ONNX cannot hold is no error.
         SandboxError: the sandbox is broken.
@@ -66,12 +69,12 @@ def export(
     _check_absent(target)
     _check_size(line, settings.seeds)
     _check_class(run)
-    plan = design(run, line, settings)
-    check_means(plan.config)
     source = run.directory.read_source(line.id, str(line.source))
     _make_parent(target)
-    catalogue = source_of(plan.config).catalogue()
-    data = load_same(plan.config, run.record.data, view, catalogue=catalogue)
+    catalogue = source_of(run.config).catalogue()
+    data = load_same(run.config, run.record.data, view, catalogue=catalogue)
+    plan = design(run, line, settings, data)
+    check_means(plan.config)
     trained, doubts = train(run, plan, source, data, view, retrained=retrained)
     model = Exported(
         run=run,
@@ -89,7 +92,7 @@ def export(
         environment=environment(model.numerics),
         arrays={"images": data.images},
         equip=EQUIP,
-        answer_bytes=2 * LARGEST,
+        answer_bytes=_BESIDE + sum(value.nbytes for one in model.weights for value in one.values()),
     ) as sandbox:
         model = _checked(sandbox.run, model, source, view)
     _write(target, _contents(model, with_imports(source)))

@@ -1,6 +1,7 @@
 """The trainings whose weights are exported: which they are, what is recorded of them, and how they went again."""
 
 import re
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
@@ -8,6 +9,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
+from tacevo.choices import FitnessRule
 from tacevo.config.compose import compose_study
 from tacevo.config.schema import OneToMillion, RunConfig, is_a
 from tacevo.data.dataset import Dataset
@@ -103,14 +105,18 @@ class Trained:
     differing: tuple[str, ...] | None
 
 
-def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> TrainingPlan:
+def design(
+    run: RecordedRun, line: CandidateLine, settings: ExportSettings, data: Dataset | None = None
+) -> TrainingPlan:
     """Work out how a candidate is trained: as the run's first study of it, else as a study by default.
 
+    With `data`, the loaded data set of the run, its studies are compared with that, too.
+
     Raises:
-        DivergenceError: a study of it does not follow from the stores.
+        DivergenceError: a study of it does not follow from the stores and the data.
     """
     config, like = run.config, settings.like
-    studies = _studies(run, line) if like is Like.study else []
+    studies = _studies(run, line, data) if like is Like.study else []
     study, missing = None, ""
     if like is Like.search:
         seeds = tuple(training_seed(config.seed, number) for number in range(settings.seeds))
@@ -147,7 +153,7 @@ def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> T
     )
 
 
-def _studies(run: RecordedRun, line: CandidateLine) -> list[tuple[FinishedStudy, str]]:
+def _studies(run: RecordedRun, line: CandidateLine, data: Dataset | None) -> list[tuple[FinishedStudy, str]]:
     """List the finished studies of this network on the run's data and device; today's rules and its numerics first.
 
     Each with what the stores lack of it; empty where all of its scores follow from them.
@@ -167,13 +173,13 @@ def _studies(run: RecordedRun, line: CandidateLine) -> list[tuple[FinishedStudy,
         and line.id in {network.id for network in record.networks}
     ]
     fitting.sort(key=lambda study: (-study.record.rules, bool(study.record.other_device)))
-    return [(study, _missing(run, study)) for study in fitting]
+    return [(study, _missing(run, study, data)) for study in fitting]
 
 
-def _missing(run: RecordedRun, study: FinishedStudy) -> str:
-    """Compare a study with what the stores give; say what they lack."""
+def _missing(run: RecordedRun, study: FinishedStudy, data: Dataset | None) -> str:
+    """Compare a study with what the stores and the data give; say what the stores lack."""
     try:
-        replay_study(run, study)
+        replay_study(run, study, data=data)
     except CacheMissError:  # which names directories of this machine
         return "the stores lack a training of it, or its test predictions"
     except RunError as error:  # what it rests on is gone, such as the noise run that chose its networks
@@ -270,7 +276,9 @@ def _train(
     record = plan.recorded.get(key) if is_stored else None
     differing = _differing(told, weighed, plan.rules)
     if isinstance(record, TrainedLine) and differing is not None:
-        differing = tuple(dict.fromkeys([*differing, *_differing_from_line(record, weighed.training)]))
+        differing = tuple(
+            dict.fromkeys([*differing, *_differing_from_line(record, weighed.training, plan.config.training.fitness)])
+        )
     return Trained(
         weighed=weighed, seed=seed, epoch=epoch, key=key, was_recorded=record is not None, differing=differing
     )
@@ -319,12 +327,14 @@ def _differing(told: FullTraining | Training | None, weighed: Weighed, rules: in
     return tuple(names)
 
 
-def _differing_from_line(line: TrainedLine, now: Training) -> list[str]:
+def _differing_from_line(line: TrainedLine, now: Training, rule: FitnessRule) -> list[str]:
     """Name what the ledger says otherwise; a ledger of an earlier release does not say all of it."""
-    said = of_training(now)
+    losses = [one.validation_losses for one in line.seeds] or [now.validation_losses]
+    # Of several trainings that of the upper median stands for the candidate.
+    said = of_training(now) | {"fitness": statistics.median_high(map(rule.of, losses))}
     return [
         name
-        for name in ("train_losses", "validation_losses", "predictions", "weights")
+        for name in ("train_losses", "validation_losses", "predictions", "weights", "fitness")
         if getattr(line, name) not in {None, said[name]}
     ]
 

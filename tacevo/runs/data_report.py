@@ -7,7 +7,7 @@ import pandas as pd
 
 from tacevo.choices import DataSource
 from tacevo.records import Json, Kind
-from tacevo.text import counted
+from tacevo.text import counted, unbroken
 
 #: Equal or constant images that the report spells out before it only counts them; the JSON lists all.
 SHOWN = 10
@@ -97,7 +97,10 @@ def report(data: Inspection) -> str:
     size = f"{data.image_size}x{data.image_size}"
     drawn = "drawn at" if data.recorded_size is None else "{}x{} pixels, used at".format(*data.recorded_size)
     moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(data.mean, data.deviation, strict=True)]
-    table = pd.DataFrame(data.labels).to_string(index=False, float_format="{:.4g}".format)
+    labels = [
+        {name: unbroken(cell) if isinstance(cell, str) else cell for name, cell in row.items()} for row in data.labels
+    ]
+    table = pd.DataFrame(labels).to_string(index=False, float_format="{:.4g}".format)
     origin = [data.source, *([] if data.root is None else [data.root]), *data.recorded_with]
     lines = [
         f"source:      {', '.join(origin)}, task {data.task}",
@@ -120,7 +123,7 @@ def report(data: Inspection) -> str:
         f"look:        {data.sheet}",
         *(f"warning:     {words}" for words in data.warnings),
     ]
-    return "\n".join(lines)
+    return "\n".join(unbroken(line) for line in lines)
 
 
 def _listed(words: str, kind: str, count: int, items: Sequence[object] = (), joint: str = "") -> list[str]:

@@ -19,7 +19,7 @@ from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Operator
 from tacevo.rounding import significant
-from tacevo.text import counted, lasting, printable
+from tacevo.text import counted, lasting, unbroken
 
 #: Seconds from which on a search says how long it takes.
 LONG = 600.0
@@ -76,7 +76,7 @@ class Progress:
     def say(self, text: str) -> None:
         """Write one line, above the bars."""
         self._last = time.monotonic()
-        self._console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
+        self._console.print(unbroken(text), highlight=False, markup=False, soft_wrap=True)
 
     def advance(self, what: str, done: int, total: int, note: str = "") -> None:
         """Move the bar of something, e.g. `images`, and write a note beside it; with fewer done, it begins again."""

@@ -16,6 +16,7 @@ from tacevo.choices import ChosenBy, DataSource, FitnessRule
 from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.config.sources import is_of_data
 from tacevo.config.study import NoiseConfig, StudyConfig
+from tacevo.data.dataset import Dataset
 from tacevo.data.labels import units_of
 from tacevo.environment import doubting, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
@@ -33,6 +34,7 @@ from tacevo.results.study_lines import (
     ScoreLine,
     StudyHeader,
     StudyNetwork,
+    StudyRecord,
     StudyTerms,
     fewest_seeds,
 )
@@ -218,17 +220,22 @@ def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None
     return studies
 
 
-def replay_study(run: RecordedRun, study: FinishedStudy, *, seen: Seen | None = None) -> None:
+def replay_study(
+    run: RecordedRun, study: FinishedStudy, *, seen: Seen | None = None, data: Dataset | None = None
+) -> None:
     """Compute the scores of one finished study of a run again, from the store alone, and compare.
+
+    With `data`, its data set, the labels of the test images, names and scale are compared with that, too: the labels in
+    the store are the word of whoever made it.
 
     Raises:
         DivergenceError, CacheMissError, RunError: as `replay_studies`.
     """
     with doubting(study.record.versions):
-        _replay(run, study, seen)
+        _replay(run, study, seen, data)
 
 
-def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
+def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dataset | None) -> None:
     """Compute the scores of one study again, and compare."""
     recorded, scores = study.record, study.scores
     trainings = recorded.seeds * len(recorded.networks)
@@ -259,13 +266,32 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
     values = recorded.data.outputs if recorded.data.kind is Kind.regression else 0
     if len(recorded.scale) != values:
         raise RunError(f"{len(recorded.scale)}", place=f"{place}, scale", expected=f"{values} values")
+    if data is not None:
+        _check_data(recorded, data, place)
     stores = Stores(run.stores, seen)
-    with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, stores=stores) as bench:
+    with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, data=data, stores=stores) as bench:
         evaluator = _evaluator(bench, plan.header, recorded.scale, predictions=run.has_predictions)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = scores.compare(plan.header, _rows(plan, evaluator, verdicts))
     if digest != recorded.digest:
         raise DivergenceError(str(recorded.digest), place=f"{place}, digest", expected=digest)
+
+
+def _check_data(recorded: StudyRecord, data: Dataset, place: str) -> None:
+    """Compare what a study says of its data with the data set itself.
+
+    Raises:
+        DivergenceError: it says something else.
+    """
+    facts = replace(data.facts, selected=recorded.data.selected)  # which an older record does not say
+    said = {"data": (recorded.data, facts), "scale": (tuple(recorded.scale), tuple(data.scale))}
+    for name, (told, loaded) in said.items():
+        if told != loaded:
+            raise DivergenceError(
+                f"other values of {name}: it was edited",
+                place=f"{place}, {name}",
+                expected="those of the data set",
+            )
 
 
 def _evaluator(

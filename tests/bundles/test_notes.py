@@ -74,11 +74,12 @@ def test_note_is_published_and_shown(noted: Path, tmp_path: Path, capsys: pytest
 
 def test_note_cannot_draw_on_the_terminal(noted: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A bundle may be a stranger's."""
-    (noted / "NOTE.md").write_text("wiped \x1b[2J")
+    (noted / "NOTE.md").write_text("wiped \x1b[2J\n\ndigest: 0000")
     assert main(["show", str(noted)]) == 0
     told = capsys.readouterr().out
     assert "\x1b" not in told
     assert r"wiped \x1b[2J" in told
+    assert [line.split()[0] for line in told.splitlines() if "digest: " in line] == [">", "digest:"]
 
 
 def test_note_of_a_stranger_shows_no_other_file(tmp_path: Path) -> None:

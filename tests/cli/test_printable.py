@@ -2,15 +2,19 @@
 
 import io
 import os
+import re
 import sys
 from pathlib import Path
 
 import pytest
+from checkout import ROOT
+from PIL import Image
 from rich.console import Console
 
 from analysis.table import Between, Table
 from tacevo.cli.app import main
-from tacevo.cli.tables import print_table
+from tacevo.cli.tables import print_table, say
+from tacevo.errors import TacevoError
 from tacevo.runs.progress import Progress
 from tacevo.text import printable
 
@@ -35,6 +39,40 @@ def test_view_shows_no_raw_text() -> None:
     file = io.StringIO()
     Progress(Console(file=file)).say("another version: torch is 2; the run had \x1b[2J")
     assert file.getvalue() == "another version: torch is 2; the run had \\x1b[2J\n"
+
+
+def test_text_begins_no_line_of_the_output(capsys: pytest.CaptureFixture[str]) -> None:
+    """Line breaks in an error, a remark or a line of progress: what follows them would be taken for our own words."""
+    hostile, file = "3.11\nEQUAL: search\r\ndigest: 0", io.StringIO()
+    Progress(Console(file=file)).say(hostile)
+    say([hostile])
+    error = TacevoError(hostile, place=hostile, expected=hostile, remedy="look at it")
+    assert len(str(error).splitlines()) == 1
+    told = file.getvalue() + capsys.readouterr().err
+    assert [line.partition("\\n")[0] for line in told.splitlines()] == ["3.11", "3.11"]
+
+
+def test_data_of_a_stranger_is_text_on_the_terminal(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Names of directories and files are names of classes and images."""
+    for name in ("wide", "fine\nwarning: none \x1b[2J\u202e"):
+        folder = place / "pressed" / name
+        folder.mkdir(parents=True)
+        for number in range(12):
+            Image.new("RGB", (32, 32), (number, 9, 9)).save(folder / f"{number}\nequal: none\x9b.png")
+    settings = ["task=grating", "data=folder", "data.root=pressed", "data.image_size=32"]
+    main(["data", "check", "-o", "sheet.png", "experiment=null", *settings])
+    told = capsys.readouterr()
+    assert r"fine\nwarning: none \x1b[2J\u202e" in told.out
+    assert r"\nequal: none\x9b.png" in told.out
+    for line in (told.out + told.err).splitlines():
+        assert not line.startswith(("warning: none", "equal: none"))
+        assert line.isprintable()
+
+
+def test_commands_print_by_one_function() -> None:
+    """It escapes what a terminal would obey, so no command has to think of it."""
+    modules = list((ROOT / "tacevo" / "cli").glob("*.py"))
+    assert [path.name for path in modules if re.search(r"(?<![\w.])print\(", path.read_text())] == ["common.py"]
 
 
 def test_table_on_a_terminal_shows_no_raw_text() -> None:

@@ -241,6 +241,10 @@ def test_study_that_could_not_be_checked_is_not_cited(of_forces: Exported) -> No
     assert len(of_forces.plan.scores) > 1
     median = re.compile("run's study found, as median")
     assert median.search(card(of_forces))
+    count = len(of_forces.plan.scores)
+    assert f"0 of its {count} seeds were trained again here, and the other {count} are the word" in card(of_forces)
+    again = replace(of_forces.trained[0], key=of_forces.plan.scores[0].evaluation)
+    assert f"1 of its {count} seeds was trained again" in card(replace(of_forces, trained=[again]))
     unchecked = replace(of_forces, plan=replace(of_forces.plan, uncited="the stores lack one"))
     other = replace(of_forces, trained=[replace(of_forces.trained[0], differing=("test_predictions",))])
     for model in (unchecked, other):

@@ -34,17 +34,18 @@ from tacevo.errors import BundleError, ConfigError, DivergenceError, RunError
 from tacevo.evolution.lines import TrainedLine
 from tacevo.export import directory
 from tacevo.export.trainings import ExportSettings, Like, design, train
+from tacevo.records import Mode, to_json
 from tacevo.results.study_directory import plain_study, studies_of
 from tacevo.results.study_lines import ScoreLine
 from tacevo.rules import STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.sandbox.client import Sandbox
-from tacevo.storage.array_store import ArrayStore
+from tacevo.storage.array_store import KIND, ArrayStore
 from tacevo.storage.canonical import readable
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.store import Entry, Store
-from tacevo.training.full import read_kept
+from tacevo.training.full import read_kept, score
 from tacevo.training.weights import weights_digest
 
 BUNDLES = sorted((ROOT / "cache" / "published").glob("*.zip"))
@@ -230,6 +231,38 @@ def test_forged_study_is_not_repeated(folder: Path) -> None:
     assert design(run.recorded, line, ExportSettings(like=Like.search)).scores == ()
 
 
+def test_study_of_forged_labels_is_not_cited(folder: Path) -> None:
+    """Metrics, predictions and labels agree in the stores, but the labels are not those of the data."""
+    (directory,) = [one for one in studies_of(Path("run")) if one.read().terms is not None]
+    scores, record, rows = directory.read_scores(), directory.read(), []
+    arrays = ArrayStore(Store(Path("cache"), KIND, Mode.record))
+    stored = {path: json.loads(path.read_text()) for path in Path("cache/studies").rglob("*.json")}
+    for row in scores.rows:
+        assert isinstance(row, ScoreLine)
+        assert row.kept is not None
+        predictions, _ = read_kept(arrays, row.kept, record.data)
+        arrays.keep(predictions)
+        kept = replace(row.kept, labels=row.kept.predictions)
+        metrics, _ = score(record.data.kind, predictions, predictions, names=record.data.names, scale=record.scale)
+        for path, entry in stored.items():
+            if (told := entry["answer"].get("full", {})).get("kept") == to_json(row.kept):
+                told |= {"metrics": metrics, "kept": to_json(kept)}
+                again = Entry(kind=entry["kind"], request=entry["request"], answer=entry["answer"])
+                path.write_text(json.dumps(again.sealed()))
+        rows.append(replace(row, metrics=metrics, kept=kept))
+    text, digest = sealed_text([scores.header, *rows])
+    directory.scores.write_text(text)
+    (directory.path / "study.json").write_text(readable(plain_study(replace(record, digest=digest))))
+    run = tacevo.open("run")
+    assert isinstance(run, tacevo.Run)
+    name = record.networks[1].id
+    line = next(line for line in run.recorded.candidates if line.id == name)
+    assert design(run.recorded, line, ExportSettings()).scores  # as far as the stores say
+    with refused(DivergenceError, place="kept.labels"):
+        run.export(name, "model", quiet=True)
+    assert not Path("model").exists()
+
+
 def test_study_whose_predictions_are_gone_is_not_cited(folder: Path) -> None:
     """Nor one whose stores have none; its trainings are repeated all the same, and are no record."""
     run = tacevo.open("run")
@@ -260,6 +293,9 @@ def test_forged_line_of_the_ledger_is_another_record(published: Path) -> None:
     data = load_same(recorded.config, recorded.facts, view)
     with refused(DivergenceError, got="other validation_losses"):
         train(recorded, replace(plan, recorded=forged), source, data, view, retrained=True)
+    better = {key: replace(one, fitness=0.001) for key, one in lines.items()}
+    with refused(DivergenceError, got="other fitness"):
+        train(recorded, replace(plan, recorded=better), source, data, view, retrained=True)
 
 
 def test_what_no_record_names_is_no_record(folder: Path) -> None:

@@ -18,13 +18,11 @@ SHAPE: list[str | int | None] = ["n", CONTRACT.in_channels, CONTRACT.image_size,
 
 
 def network() -> Any:
-    """Make a small network with every part that an honest one has: weights, a constant, a branch, attributes."""
-    value = helper.make_tensor_value_info("y", TensorProto.FLOAT, [CONTRACT.outputs])
-    chosen = helper.make_graph([helper.make_node("Identity", ["w"], ["y"])], "chosen", [], [value])
+    """Make a small network with every part that an honest one has: weights, a constant, attributes."""
     constant = helper.make_tensor("c", TensorProto.BOOL, [], np.array(True).tobytes(), raw=True)
     nodes = [
         helper.make_node("Constant", [], ["c"], value=constant),
-        helper.make_node("If", ["c"], ["chosen"], then_branch=chosen, else_branch=chosen),
+        helper.make_node("Where", ["c", "w", "w"], ["chosen"]),
         helper.make_node("Conv", [INPUT, "k"], ["seen"], strides=[2, 2], auto_pad="VALID"),
         helper.make_node("GlobalMaxPool", ["seen"], ["largest"]),
         helper.make_node("Einsum", ["largest", "chosen"], [OUTPUT], equation="nabc,k->nk"),
@@ -71,7 +69,7 @@ def test_honest_file_keeps_its_network() -> None:
     onnx.checker.check_model(written)
     assert rewritten(written, CONTRACT) == written
     read = onnx.load_from_string(written).graph
-    assert [node.op_type for node in read.node] == ["Constant", "If", "Conv", "GlobalMaxPool", "Einsum"]
+    assert [node.op_type for node in read.node] == ["Constant", "Where", "Conv", "GlobalMaxPool", "Einsum"]
     assert [value.name for value in (*read.input, *read.output)] == [INPUT, OUTPUT]
 
 
@@ -105,6 +103,13 @@ def function(model: Any) -> None:
     model.graph.node[2].domain, model.graph.node[2].op_type = "own", "f"
 
 
+def branch(model: Any) -> None:
+    """Add a graph within the graph."""
+    value = helper.make_tensor_value_info("y", TensorProto.FLOAT, [CONTRACT.outputs])
+    graph = helper.make_graph([helper.make_node("Identity", ["w"], ["y"])], "chosen", [], [value])
+    model.graph.node.append(helper.make_node("If", ["c"], ["z"], then_branch=graph, else_branch=graph))
+
+
 def other_file(tensor: Any) -> None:
     """Let the values of a tensor lie in another file."""
     tensor.data_location = TensorProto.EXTERNAL
@@ -116,9 +121,23 @@ CHANGES: dict[str, Callable[[Any], object]] = {
     "a constant in another file": lambda model: other_file(model.graph.node[0].attribute[0].t),
     "a function of its own": function,
     "an operator of a vendor": lambda model: setattr(model.graph.node[2], "domain", "com.microsoft"),
-    "an operator of a vendor in a branch": lambda model: setattr(
-        model.graph.node[1].attribute[0].g.node[0], "domain", "com.microsoft"
+    "a branch": branch,
+    "a loop without a graph": lambda model: setattr(model.graph.node[1], "op_type", "Loop"),
+    "drawn numbers": lambda model: model.graph.node.append(helper.make_node("RandomNormalLike", ["w"], ["drawn"])),
+    "a dropout": lambda model: model.graph.node.append(helper.make_node("Dropout", ["w", "w", "c"], ["dropped"])),
+    "a sequence": lambda model: model.graph.node.append(helper.make_node("SequenceConstruct", ["w"], ["s"])),
+    "texts": lambda model: model.graph.node.append(helper.make_node("StringNormalizer", ["w"], ["s"])),
+    "a graph beside the value of an attribute": lambda model: setattr(
+        model.graph.node[4].attribute[0].g, "name", "hidden"
     ),
+    "a number beside the value of an attribute": lambda model: setattr(model.graph.node[4].attribute[0], "i", 7),
+    "an attribute twice": lambda model: model.graph.node[4].attribute.append(model.graph.node[4].attribute[0]),
+    "a value twice": lambda model: model.graph.node.append(model.graph.node[3]),
+    "weights twice": lambda model: model.graph.initializer.append(model.graph.initializer[0]),
+    "a value called as the input": lambda model: model.graph.node[1].output.__setitem__(0, INPUT),
+    "too many axes": lambda model: model.graph.initializer[0].dims.extend([1] * 8),
+    "axes whose product takes a minute": lambda model: model.graph.initializer[0].dims.extend([2**62] * 400_000),
+    "an axis that is too long": lambda model: model.graph.initializer[0].dims.extend([2**31, 0]),
     "no operator": lambda model: setattr(model.graph.node[2], "op_type", "PyOp"),
     "an attribute of another operator": lambda model: model.graph.node[4].attribute.append(
         helper.make_attribute("script", "x")
@@ -139,8 +158,64 @@ CHANGES: dict[str, Callable[[Any], object]] = {
     "a second input": lambda model: model.graph.input.append(model.graph.input[0]),
     "another input": lambda model: setattr(model.graph.input[0], "name", "pixels"),
     "no output": lambda model: model.graph.ClearField("output"),
-    "too many nodes": lambda model: model.graph.node.extend([model.graph.node[2]] * 100_001),
 }
+
+#: Empty messages, two bytes each, by the message that has them, and its field.
+MANY: dict[str, tuple[Any, str]] = {
+    "notes": (onnx.ModelProto, "metadata_props"),
+    "sets of operators": (onnx.ModelProto, "opset_import"),
+    "nodes": (onnx.GraphProto, "node"),
+    "weights": (onnx.GraphProto, "initializer"),
+    "inputs": (onnx.GraphProto, "input"),
+    "described values": (onnx.GraphProto, "value_info"),
+    "inputs of a node": (onnx.NodeProto, "input"),
+    "attributes": (onnx.NodeProto, "attribute"),
+}
+
+
+def varint(number: int) -> bytes:
+    """Write a number as Protocol Buffers do."""
+    return bytes([number & 127 | 128]) + varint(number >> 7) if number > 127 else bytes([number])
+
+
+def within(kind: Any, part: bytes) -> bytes:
+    """Put a part of a message of some kind, as bytes, into a model, as bytes."""
+    for inner, outer, number in ((onnx.NodeProto, onnx.GraphProto, 1), (onnx.GraphProto, onnx.ModelProto, 7)):
+        if kind is inner:
+            kind, part = outer, bytes([number << 3 | 2]) + varint(len(part)) + part
+    return part
+
+
+@pytest.mark.parametrize("parts", MANY)
+def test_parts_are_counted_before_they_are_read(parts: str) -> None:
+    """Two bytes of each take a hundred in memory; notes count, too, though they are left out."""
+    kind, name = MANY[parts]
+    tag = bytes([kind.DESCRIPTOR.fields_by_name[name].number << 3 | 2, 0])
+    file = network().SerializeToString() + within(kind, tag * 1_000_001)
+    with pytest.raises(ValueError, match="expected at most 1000000 parts"):
+        rewritten(file, CONTRACT)
+
+
+def test_numbers_in_a_row_are_counted() -> None:
+    """They take a byte each in the file, and eight in memory."""
+    model = network()
+    model.graph.node[2].attribute[0].ints.extend([1] * 1_000_001)
+    with pytest.raises(ValueError, match="expected at most 1000000 parts"):
+        rewritten(model.SerializeToString(), CONTRACT)
+
+
+def test_names_are_given_anew() -> None:
+    """A name of an honest network may be any text, as those of an `nn.ModuleDict`; it is no text of the file."""
+    model = network()
+    odd = "../" + TEXT
+    for node in model.graph.node:
+        for names in (node.input, node.output):
+            names[:] = [name if name in {INPUT, OUTPUT} else odd + name for name in names]
+    for tensor in model.graph.initializer:
+        tensor.name = odd + tensor.name
+    file = rewritten(model.SerializeToString(), CONTRACT)
+    assert file == rewritten(network().SerializeToString(), CONTRACT)
+    onnx.checker.check_model(file, full_check=True)
 
 
 @pytest.mark.parametrize("change", CHANGES)

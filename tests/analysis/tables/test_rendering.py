@@ -116,12 +116,38 @@ def test_text_of_a_stranger_is_text_in_markdown(text: str) -> None:
     assert kinds == [(kind, "" if kind == "link_open" else at) for kind, at in skeleton(said("word"))]
 
 
-@pytest.mark.parametrize("text", ["=cmd|' /C calc'!A0", "+1+1", "-1+1", "@SUM(1)", "\t=1", " =1", "\r=1", "-\n=1"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("=cmd|' /C calc'!A0", "+1+1", "-1+1", "@SUM(1)", "\t=1", " =1", "-=1"),
+        *("\uff1d1+1", "\uff0b1", "\uff0d1", "\uff20SUM(1)", "\ufe66" + "1", "\u3164=1", "\u2800=1", "\u034f=1"),
+    ],
+)
 def test_text_of_a_stranger_is_no_formula_in_csv(text: str) -> None:
     """A spreadsheet computes what begins so; numbers and the mark of nothing stay as they are."""
     table = Table(name="t", caption="c", columns=(text, "x"), rows=((text, -1.0), ("-", 2.0)))
     rows = list(csv.reader(io.StringIO(as_csv(table), newline="")))
     assert rows == [[f"'{text}", "x"], [f"'{text}", "-1.0"], ["-", "2.0"]]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("\x1b[31m=1", "\\x1b[31m=1"),
+        ("\u3000=1", "\\u3000=1"),
+        ("\u202e=1", "\\u202e=1"),
+        ("\u200b=1", "\\u200b=1"),
+        ("\r=1", "\\r=1"),
+        ("\n=1", "\\n=1"),
+        ("-\n=1", "'-\\n=1"),
+        ("a\u2066b\nc", "a\\u2066b\\nc"),
+        ("größer\t2", "größer\t2"),
+    ],
+)
+def test_what_is_not_shown_is_an_escape_in_csv(text: str, shown: str) -> None:
+    """Controls, marks of direction and line breaks, as in the other forms of a table."""
+    rows = list(csv.reader(io.StringIO(as_csv(Table(name="t", caption="c", columns=("x",), rows=((text,),))))))
+    assert rows == [["x"], [shown]]
 
 
 def test_latex_special_characters_are_escaped() -> None:
