@@ -34,9 +34,10 @@ from tacevo.gate.likeness import repeats
 from tacevo.gate.lines import lines_of, names
 from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
+from tacevo.gate.quoted import is_edited
 from tacevo.gate.rewriting import rewritten, without_stars
 from tacevo.gate.tags import mentions_thought, without_thoughts
-from tacevo.gate.versions import Known, completeness, goes_on, has_class, later_version, may_go_on
+from tacevo.gate.versions import Known, completeness, has_class, later_version
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that was cut off, by its token limit or the end of the model's context, or that may be.
@@ -165,12 +166,11 @@ def _choose(text: str, name: str, cut_off: bool, asked: str) -> Extracted | Prob
 
 
 def _answer(text: str, name: str, asked: str) -> _Answer:
-    """Read an answer; what was given matters where there is more in it than one block."""
+    """Read an answer, and the networks that were given."""
     parser = BlockParser()
     rest, read = _read(text, name, parser)
     blocks = rewritten(read, name, parser)
-    has_more = len(blocks) > 1 or any(may_go_on(_beside(rest, [block]), name) for block in blocks)
-    return _Answer(rest, blocks, _given(asked, name) if has_more else [], name, parser)
+    return _Answer(rest, blocks, _given(asked, name), name, parser)
 
 
 def _given(asked: str, name: str) -> list[ParsedCode]:
@@ -194,12 +194,16 @@ def _other_version(answer: _Answer, source: _Source, chosen: CodeBlock, copies: 
     """Find what shows that the model meant another network: behind the source, and beside one that is a copy."""
     is_copy = _is_copy(source.tree, answer)
     text = _beside(answer.text, [chosen, *copies]) if is_copy else _behind(answer.text, chosen)
-    if not (may_go_on(text, answer.name) if is_copy else names(text, answer.name)):
+    if not is_copy and not names(text, answer.name):
         return None
     written = "\n".join(answer.text.split("\n")[chosen.start : chosen.end])
     known = Known.of([ParsedCode(source.text, source.tree), *answer.given], written=written, was=chosen.was)
     problem = later_version(text, known, answer.name, answer.parser)
-    return problem or (goes_on(text, known, answer.name, answer.parser) if is_copy else None)
+    if problem is None and is_copy and is_edited(text, known, answer.name, answer.parser):
+        return Problem(
+            Reason.no_class, f"expected class {answer.name}; got one that was given, and other code beside it"
+        )
+    return problem
 
 
 def _versions(answer: _Answer) -> list[CodeBlock]:

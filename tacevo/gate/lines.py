@@ -8,7 +8,6 @@ from tacevo.gate.blocks import is_code, is_sentence
 
 #: What quotes, numbers or marks a line of code: `>`, `>>>`, `|`, `+` of a diff, a number, a key of JSON.
 _DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
-_HEADER = r"^[ \t]*(?:class|def)[ \t]+(\w+)[ \t]*[(:]|^[ \t]*self\.\w+[ \t]*="
 #: A statement that only the text of a network has, in the place where it stands.
 _STATEMENT = re.compile(
     r"self\.\w[\w.\[\]]*[ \t]*(?:[-+*/@]|//)?=(?!=)|super\(|return\b.*\bself\.|\w[\w, .\[\]]*=(?!=).*\bself\."
@@ -83,12 +82,6 @@ def is_all_code(text: str) -> bool:
     return has_forward and any(map(_STATEMENT.match, lines)) and not has_words
 
 
-def headers(text: str) -> list[str]:
-    """List the classes and functions that a text states, in any form; a layer that it sets is an empty text."""
-    text = re.sub(rf"^{_DECORATION}", "", plain(text), flags=re.MULTILINE)
-    return re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE)
-
-
 def undecorated(text: str, name: str) -> str:
     """Return a text without what marks its lines, and without tables."""
     if re.search(rf"class[ \t]+{re.escape(name)}\b.*\\n", text):  # JSON
@@ -99,7 +92,7 @@ def undecorated(text: str, name: str) -> str:
 
 def _signs_of_network(code: str, known: Set[str]) -> set[str]:
     """Return what a line of code says: whether it is a statement of a network or the head of a method, and new."""
-    is_new = "" if _is_known(code, known) else "new "
+    is_new = "" if is_known(code, known) else "new "
     if not is_code(code):
         return set()
     if _METHOD.match(code):
@@ -118,7 +111,7 @@ def _class_header(line: str, name: str) -> str | None:
     return _folded(found[1])
 
 
-def _is_known(code: str, known: Set[str]) -> bool:
+def is_known(code: str, known: Set[str]) -> bool:
     """Return whether a line is one of those that are known, perhaps with a remark behind it."""
     if _squeezed(code) in known:
         return True
@@ -126,7 +119,7 @@ def _is_known(code: str, known: Set[str]) -> bool:
     if remark is None:
         return False
     start = _squeezed(code.lstrip("`")[: remark.start()])
-    return start in known or f"{start}:" in known
+    return bool(start) and (start in known or f"{start}:" in known)
 
 
 def _squeezed(line: str) -> str:

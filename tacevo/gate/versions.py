@@ -9,7 +9,7 @@ from typing import Self
 from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of, trimmed
 from tacevo.gate.joining import ParsedCode, class_statements
 from tacevo.gate.likeness import meaning
-from tacevo.gate.lines import FOREIGN, headers, is_all_code, lines_of, names, plain, states_network, undecorated
+from tacevo.gate.lines import FOREIGN, is_all_code, lines_of, names, plain, states_network, undecorated
 from tacevo.gate.names import names_of
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
@@ -227,10 +227,10 @@ def _is_network(node: ast.ClassDef, name: str) -> bool:
         return False
     forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
     if name in _bases(node):
-        return bool(forward) or _makes_layers(inside)
+        return bool(forward) or makes_layers(inside)
     if any(len(item.args.args) - len(item.args.defaults) > 2 for item in forward):
         return False
-    return "forward" in names_of(node.body).bound and _makes_layers(inside)
+    return "forward" in names_of(node.body).bound and makes_layers(inside)
 
 
 def _is_of_super(node: ast.Name, inside: Collection[ast.AST]) -> bool:
@@ -238,7 +238,7 @@ def _is_of_super(node: ast.Name, inside: Collection[ast.AST]) -> bool:
     return any(argument is node for call in calls for argument in call.args)
 
 
-def _makes_layers(inside: Collection[ast.AST]) -> bool:
+def makes_layers(inside: Collection[ast.AST]) -> bool:
     """Return whether code makes layers or calls the functions of torch: what a wrapper leaves to another class."""
     for part in inside:
         match part:
@@ -248,26 +248,6 @@ def _makes_layers(inside: Collection[ast.AST]) -> bool:
             case ast.Call(func=ast.Name(id=layer)) if _LAYER.match(layer):
                 return True
     return False
-
-
-def goes_on(text: str, chosen: Known, name: str, parser: BlockParser) -> Problem | None:
-    """Find code beside a network that was given, which shows that it is no answer; arguments as of `later_version`.
-
-    That is any other class, function or layer, and one of the network's own that is not as it was given.
-    """
-    bound = names_of(chosen.tree.body).bound - {name}
-    problem = Problem(Reason.no_class, f"expected class {name}; got one that was given, and parts of another")
-    for block in blocks_of(text, parser):
-        for node in ast.walk(block.parsed) if isinstance(block.parsed, ast.Module) else ():
-            is_of_it = isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name in bound
-            if is_of_it and not statements_of(node) <= chosen.statements:
-                return problem
-    return problem if any(other not in bound for other in headers(text)) else None
-
-
-def may_go_on(text: str, name: str) -> bool:
-    """Return whether a text has anything in which `later_version` or `goes_on` could find another version."""
-    return names(text, name) or bool(headers(text))
 
 
 def statements_of(tree: ast.AST) -> set[str]:

@@ -62,6 +62,46 @@ WRITTEN = {
     "quoted": lambda code: indent(fenced(code), "> ", lambda _: True),
 }
 
+#: How a model may write a change of a network without writing the network.
+EDITS = {
+    "diff": fenced("-        nn.ReLU(),\n+        nn.GELU(),\n", "diff"),
+    "diff with its head": fenced("--- a/net.py\n+++ b/net.py\n@@ -3,7 +3,7 @@\n-    4,\n+    8,\n", "diff"),
+    "diff in a bare fence": fenced("- nn.ReLU(),\n+ nn.GELU(),\n", ""),
+    "diff without a fence": "- nn.ReLU(),\n+ nn.GELU(),\n",
+    "search and replace": fenced("<<<<<<< SEARCH\n    4,\n=======\n    8,\n>>>>>>> REPLACE\n", ""),
+    "patch": "*** Begin Patch\n*** Update File: net.py\n@@\n-4\n+8\n*** End Patch\n",
+    "before and after": f"Before:\n{fenced('nn.ReLU(),' + chr(10))}\nAfter:\n{fenced('nn.GELU(),' + chr(10))}",
+    "indented": "Replace\n\n    nn.ReLU()\n\nwith\n\n    nn.GELU()\n",
+    "statement": fenced("x = F.gelu(x)\n"),
+    "return": fenced("return 2 * self.head(x)\n"),
+    "constant": fenced("width = 16\n"),
+    "json": fenced('{"old": "nn.ReLU()", "new": "nn.GELU()"}\n', "json"),
+    "json without a fence": '{"old": "nn.ReLU()", "new": "nn.GELU()"}\n',
+    "command": fenced("sed -i 's/ReLU/GELU/' net.py\n", "bash"),
+    "method set": fenced(f"{NAME}.forward = new_forward\n"),
+    "part set": fenced(f"model = {NAME}()\nmodel.layers[3] = nn.Dropout(0.2)\n"),
+    "part set by its name": fenced(f"model = {NAME}().eval()\nsetattr(model, 'head', other)\n"),
+    "part changed": fenced(f"model = {NAME}()\nmodel.head.p = 0.2\n"),
+    "part added": fenced(f"model = {NAME}()\nmodel.layers.append(other)\n"),
+    "weights": fenced(f"model = {NAME}()\nfor w in model.parameters():\n    nn.init.zeros_(w)\n"),
+    "table": "| 1 | `self.conv = nn.Conv2d(in_channels, 9, 3)` |\n",
+    "html": "<code>self.conv = nn.Conv2d(in_channels, 9, 3)<br></code>\n",
+    "lines of a string": fenced("lines = '\\n'.join(['self.conv = nn.Conv2d(3, 9, 3)'])\n"),
+}
+
+#: What may stand beside a network that is returned as it was given.
+USES = {
+    "words": "It has `nn.ReLU()` and is:\n\n- small\n- fast - and good\n\n1. Two layers.\n\n---\n",
+    "use": fenced(f"model = {NAME}().to('cpu')\nprint(model(torch.zeros(1, 3, 8, 8)).shape)\n"),
+    "use without a fence": f"Use it so:\n\nnet = {NAME}(3, 3)\nprint(net)\n",
+    "use in two blocks": f"{fenced(f'net = {NAME}()' + chr(10))}\nand\n{fenced('y = net(x)' + chr(10))}",
+    "training": fenced(
+        f"net = {NAME}()\nadam = torch.optim.Adam(net.parameters())\nloss = F.mse_loss(net(x), y)\n"
+        "adam.zero_grad()\nloss.backward()\nadam.step()\n"
+    ),
+    "excerpt": fenced("        self.conv = nn.Conv2d(in_channels, 4, 3)\n"),
+}
+
 
 def verdict(text: str, asked: str = ASKED) -> str | Rejection:
     """Extract from an answer to a question that gives networks."""
@@ -100,6 +140,7 @@ def test_copy_alone_is_the_answer(copy: str) -> None:
         fenced(f"class Image\u200bRegressionCNN(nn.Module):{NEW.split(':', 1)[1]}"),
         indent(NEW, "+"),
         fenced("class Head(nn.Module):\n    pass\n"),
+        *EDITS.values(),
     ],
 )
 def test_copy_beside_parts_of_another_network_is_no_answer(copy: str, part: str) -> None:
@@ -108,6 +149,13 @@ def test_copy_beside_parts_of_another_network_is_no_answer(copy: str, part: str)
         rejection = verdict(text)
         assert isinstance(rejection, Rejection)
         assert rejection.reason in (Reason.no_class, Reason.syntax)
+
+
+@pytest.mark.parametrize("use", USES.values(), ids=USES)
+def test_copy_beside_an_example_of_its_use_is_the_answer(use: str) -> None:
+    """A model that returns a network as it was given may say so, and may show how it is used."""
+    assert verdict(f"{fenced(PARENT)}\n{use}") == PARENT
+    assert verdict(f"{use}\n{fenced(PARENT)}") == PARENT
 
 
 def test_copy_with_another_helper_is_a_network_of_its_own() -> None:
