@@ -20,13 +20,15 @@ A candidate that fails is a value, `tacevo.records.Rejection`, and never an exce
 import contextlib
 from collections.abc import Callable, Iterator
 
+from tacevo.text import unbroken
+
 
 class TacevoError(Exception):
     r"""Anything tacevo raises on purpose.
 
-    Its text reads `PLACE: expected EXPECTED; got GOT; REMEDY`; what is not given is left out. A line break in the first
-    three, which may be a stranger's, is written as `\n`: it must not begin a line of the output. Code that knows more
-    than the code that raised it sets `place` or `remedy` on the error and raises it again.
+    Its text reads `PLACE: expected EXPECTED; got GOT; REMEDY`; what is not given is left out. It is one line: a line
+    break in it, which may be a stranger's, is written as `\n`, and so are controls. Code that knows more than the code
+    that raised it sets `place` or `remedy` on the error and raises it again.
 
     Args:
         got: what came, or what happened.
@@ -45,8 +47,7 @@ class TacevoError(Exception):
     def __str__(self) -> str:
         """Return the fields as one sentence."""
         came = f"expected {self.expected}; got {self.got}" if self.expected else self.got
-        told = (f"{self.place}: " if self.place else "") + came
-        return told.replace("\n", "\\n") + (f"; {self.remedy}" if self.remedy else "")
+        return unbroken((f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else ""))
 
 
 class ConfigError(TacevoError, ValueError):
