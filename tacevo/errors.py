@@ -20,8 +20,6 @@ A candidate that fails is a value, `tacevo.records.Rejection`, and never an exce
 import contextlib
 from collections.abc import Callable, Iterator
 
-from tacevo.text import unbroken
-
 
 class TacevoError(Exception):
     r"""Anything tacevo raises on purpose.
@@ -47,7 +45,8 @@ class TacevoError(Exception):
     def __str__(self) -> str:
         """Return the fields as one sentence."""
         came = f"expected {self.expected}; got {self.got}" if self.expected else self.got
-        return unbroken((f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else ""))
+        told = (f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else "")
+        return "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in told)
 
 
 class ConfigError(TacevoError, ValueError):
