@@ -24,9 +24,9 @@ from collections.abc import Callable, Iterator
 class TacevoError(Exception):
     r"""Anything tacevo raises on purpose.
 
-    Its text reads `PLACE: expected EXPECTED; got GOT; REMEDY`; what is not given is left out. A line break in the first
-    three, which may be a stranger's, is written as `\n`: it must not begin a line of the output. Code that knows more
-    than the code that raised it sets `place` or `remedy` on the error and raises it again.
+    Its text reads `PLACE: expected EXPECTED; got GOT; REMEDY`; what is not given is left out. It is one line: a line
+    break in it, which may be a stranger's, is written as `\n`, and so are controls. Code that knows more than the code
+    that raised it sets `place` or `remedy` on the error and raises it again.
 
     Args:
         got: what came, or what happened.
@@ -45,8 +45,8 @@ class TacevoError(Exception):
     def __str__(self) -> str:
         """Return the fields as one sentence."""
         came = f"expected {self.expected}; got {self.got}" if self.expected else self.got
-        told = (f"{self.place}: " if self.place else "") + came
-        return told.replace("\n", "\\n") + (f"; {self.remedy}" if self.remedy else "")
+        told = (f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else "")
+        return "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in told)
 
 
 class ConfigError(TacevoError, ValueError):

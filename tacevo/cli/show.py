@@ -29,7 +29,7 @@ from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.status import describe_jobs, status_of
 from tacevo.sweeps.terms import describe_terms
-from tacevo.text import in_markdown, table
+from tacevo.text import in_markdown, printable, table
 
 
 def run_show(options: argparse.Namespace) -> int:

@@ -21,6 +21,7 @@ from tacevo.data.survey import split_of
 from tacevo.errors import ConfigError
 from tacevo.records import Kind
 from tacevo.storage.files import write_durably
+from tacevo.text import unbroken
 
 #: What a figure can be saved as, with what else Matplotlib would note in the file.
 FORMATS: dict[str, dict[str, Any]] = {
@@ -144,5 +145,5 @@ def _draw(
             axes.spines[:].set_visible(False)
         for axes, row, text in zip(grid.flat, rows, texts, strict=False):  # the last row may have fewer
             axes.imshow(images[row].transpose(1, 2, 0))
-            axes.set_xlabel("\n".join(text).replace(" -", " \N{MINUS SIGN}"), parse_math=False)
+            axes.set_xlabel("\n".join(map(unbroken, text)).replace(" -", " \N{MINUS SIGN}"), parse_math=False)
     return figure

@@ -23,9 +23,9 @@ INPUT, OUTPUT = "images", "outputs"
 #: Versions of the format that readers of this opset know.
 _FORMATS = range(8, 14)
 
-#: Parts of a file, at most: fields of messages, and numbers that stand in a row. The largest honest networks have some
-#: hundred thousand.
-_MOST_PARTS = 1_000_000
+#: Parts of a file, at most: fields of messages, and numbers that stand in a row. With the notes that torch makes, an
+#: operator has some 60, and the largest honest networks have some thousand operators.
+_MOST_PARTS = 500_000
 
 #: Messages within messages, at most; the values of a constant are at 7.
 _DEEPEST = 20
@@ -116,7 +116,7 @@ def _count_parts(file: memoryview, kind: Any) -> None:
         for number, value in _fields(message):
             field = kind.fields_by_number.get(number)
             count += 1
-            if field is not None and value is not None:
+            if field is not None and value:
                 if field.message_type is not None:
                     waiting.append((value, field.message_type, depth + 1))
                 elif field.type not in {field.TYPE_BYTES, field.TYPE_STRING}:  # numbers in a row, a byte each or more
@@ -152,6 +152,8 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview | None]]:
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:
     """Read a number of at most ten bytes; return it with the place behind it."""
+    if at < len(message) and message[at] < 128:  # most are of one byte
+        return message[at], at + 1
     value = 0
     for place, byte in enumerate(message[at : at + 10]):
         value |= (byte & 127) << 7 * place

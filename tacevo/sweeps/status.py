@@ -14,7 +14,7 @@ from tacevo.results.sweep import Standing, standing_of
 from tacevo.rounding import significant
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.text import counted, table
+from tacevo.text import counted, table, unbroken
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +82,7 @@ def describe_jobs(statuses: Sequence[Status]) -> str:
     counts = Counter(status.standing for status in statuses)
     states = ", ".join(f"{counts[standing]} {standing}" for standing in Standing if counts[standing])
     rows = [_row(status) for status in statuses]
-    reasons = [f"{status.job.name}: {status.reason}" for status in statuses if status.reason]
+    reasons = [unbroken(f"{status.job.name}: {status.reason}") for status in statuses if status.reason]
     header = ["job", "arm", "seed", "state", "lines", "best", "digest"]
     return "\n\n".join([f"{counted(len(statuses), 'job')}: {states or 'none'}", table(header, rows), *reasons])
 

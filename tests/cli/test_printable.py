@@ -46,7 +46,7 @@ def test_text_begins_no_line_of_the_output(capsys: pytest.CaptureFixture[str]) -
     hostile, file = "3.11\nEQUAL: search\r\ndigest: 0", io.StringIO()
     Progress(Console(file=file)).say(hostile)
     say([hostile])
-    error = TacevoError(hostile, place=hostile, expected=hostile, remedy="look at it")
+    error = TacevoError(hostile, place=hostile, expected=hostile, remedy=hostile)
     assert len(str(error).splitlines()) == 1
     told = file.getvalue() + capsys.readouterr().err
     assert [line.partition("\\n")[0] for line in told.splitlines()] == ["3.11", "3.11"]
@@ -59,7 +59,7 @@ def test_data_of_a_stranger_is_text_on_the_terminal(place: Path, capsys: pytest.
         folder.mkdir(parents=True)
         for number in range(12):
             Image.new("RGB", (32, 32), (number, 9, 9)).save(folder / f"{number}\nequal: none\x9b.png")
-    settings = ["task=grating", "data=folder", "data.root=pressed", "data.image_size=32"]
+    settings = ["task=grating", "data=folder", "data.root=pressed", "data.image_size=32", "task.outputs=2"]
     main(["data", "check", "-o", "sheet.png", "experiment=null", *settings])
     told = capsys.readouterr()
     assert r"fine\nwarning: none \x1b[2J\u202e" in told.out
