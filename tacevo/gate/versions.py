@@ -265,9 +265,29 @@ def _is_network(node: ast.ClassDef, name: str) -> bool:
     forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
     if name in _bases(node):
         return bool(forward) or makes_layers(inside)
-    if any(len(item.args.args) - len(item.args.defaults) > 2 for item in forward):
+    if any(len(item.args.args) - len(item.args.defaults) > 2 for item in forward) or _is_given_a_network(node):
         return False
     return "forward" in names_of(node.body).bound and makes_layers(inside)
+
+
+def _is_given_a_network(node: ast.ClassDef) -> bool:
+    """Return whether a class keeps an argument without a default as it is, and calls it as a layer."""
+    inside = list(ast.walk(node))
+    arguments = {
+        argument.arg
+        for item in node.body
+        if isinstance(item, ast.FunctionDef) and item.name == "__init__"
+        for argument in item.args.args[1 : len(item.args.args) - len(item.args.defaults)]
+    }
+    kept: set[str] = set()
+    for part in inside:
+        match part:
+            case ast.Assign(
+                targets=[ast.Attribute(value=ast.Name(id="self"), attr=attribute)], value=ast.Name(id=value)
+            ):
+                kept |= {attribute} if value in arguments else set()
+    calls = [part.func for part in inside if isinstance(part, ast.Call) and isinstance(part.func, ast.Attribute)]
+    return any(_is_name(call.value, "self") and call.attr in kept for call in calls)
 
 
 def _is_of_super(node: ast.Name, inside: Collection[ast.AST]) -> bool:
