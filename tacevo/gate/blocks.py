@@ -34,6 +34,8 @@ _KEYWORDS = "|".join([*keyword.kwlist, "match", "case", "type", "print"])
 _TWO_WORDS = re.compile(rf"\b(?!(?:{_KEYWORDS}|\d+)\b)\w+[ ]+(?!(?:{_KEYWORDS})\b)[A-Za-z]\w*")
 #: What is not looked at to find two words: arguments, strings and comments.
 _ASIDE = re.compile(r"\(.*\)|\(.*|\"[^\"]*\"|'[^']*'|#.*")
+_HEADING = re.compile(r"^\W*[A-Z][^=(){}\[\]]*:\W*$")
+_STATES = re.compile(r"[ \t]*(?:class|def|async|self|return|super)\b|[ \t]*@|[ \t]*[\w, ]+=.*\bself\.")
 #: A command of a notebook or a shell.
 _COMMAND = re.compile(r"[ \t]*(?:!\w|%%?\w|\$[ \t])")
 
@@ -136,11 +138,18 @@ def _between_sentences(part: Part, parser: BlockParser) -> CodeBlock | None:
     if any(map(is_code, lines[:start])):
         return None
     end, parsed = _parsable(lines, start, parser) if start < len(lines) else (start, None)
-    if parsed is None or any(map(is_code, lines[end:])):
+    if parsed is None or not _are_words_or_use(lines[end:]):
         return None
     closed = part.closed or any(line.strip() for line in lines[end:])
     text = _statements(trimmed("\n".join(lines[start:end])), parsed)
     return CodeBlock(text, parsed, closed, part.first + start, part.first + end)
+
+
+def _are_words_or_use(lines: Sequence[str]) -> bool:
+    """Return whether lines are no code, or a heading and code below it that states nothing: `Usage:`, `net = Net()`."""
+    code = [line for line in lines if is_code(line)]
+    heading = next((line for line in lines if line.strip()), "")
+    return not code or (_HEADING.search(heading) is not None and not any(map(_STATES.match, code)))
 
 
 def _stretches(part: Part, parser: BlockParser) -> Iterator[CodeBlock]:

@@ -304,7 +304,7 @@ def _explain(answer: _Answer, versions: Sequence[CodeBlock]) -> Problem:
     trees = [block.parsed for block in answer.blocks if isinstance(block.parsed, ast.Module)]
     classes = sorted({node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef)})
     if versions or name in classes:
-        return Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
+        return Problem(Reason.no_class, f"expected class {name} whole, with a forward method; got it in part")
     if classes:
         return Problem(Reason.no_class, f"expected a class {name}; got {', '.join(classes)}")
     for mention in _mentions(answer.text, name)[-1:]:

@@ -28,11 +28,12 @@ def lines_of(text: str) -> set[str]:
 
 
 def plain(text: str) -> str:
-    """Return a text without signs that take no place, such as a zero-width space in a name, and with plain spaces."""
+    """Return a text without signs that take no place, as a zero-width space is, and with plain spaces and brackets."""
     if text.isascii():
         return text
     kinds = {"Cf": "", "Zs": " "}
-    return "".join(kinds.get(unicodedata.category(letter), letter) for letter in text)
+    text = "".join(kinds.get(unicodedata.category(letter), letter) for letter in text)
+    return re.sub("[\uff01-\uff5e]", lambda letter: chr(ord(letter[0]) - 0xFEE0), text)
 
 
 def names(text: str, name: str) -> bool:

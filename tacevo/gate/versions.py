@@ -13,12 +13,20 @@ from tacevo.gate.lines import FOREIGN, is_all_code, lines_of, names, plain, stat
 from tacevo.gate.names import names_of
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
+from tacevo.sandbox.attributes import MODULE_NAMES
 
 #: How layers are called that are imported by their names, and what is a loss and no layer.
 _LAYER = re.compile(
     r"Conv|Linear|Bilinear|Sequential|Module|Parameter|(?:Batch|Layer|Group)Norm|\w*(?:Pool|ReLU|GELU|SiLU)"
 )
 _LOSS = re.compile(r"loss$|entropy|kl_div", re.IGNORECASE)
+#: A comment in the place of code, and one that is such a comment where the code is missing.
+_ELLIPSIS = re.compile(r"[ \t]*#+[ \t]*[(\[\uff08]?(?:\.{3}|\u2026)")
+_MAY_STAND_FOR_CODE = re.compile(
+    r"[ \t]*#.*(?:(?:\.{3}|\u2026)[)\]\uff09]?[ \t]*$|\b(?:same|unchanged|existing|remaining|rest|omitted|keep)\b"
+    "|\\bas (?:above|before)\\b|\u4e0d\u53d8|\u5176\u4f59|\u7701\u7565)",  # "unchanged", "the rest", "omitted"
+    re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +59,8 @@ class Known:
     def has(self, node: ast.ClassDef) -> bool:
         """Return whether a class has nothing of its own: a copy if it is whole, else parts of what is known."""
         methods = {item.name for item in node.body if isinstance(item, ast.FunctionDef)}
-        if {"__init__", "forward"} <= methods and _completeness_of_class(node, ast.Module([], [])) == 2:
+        is_whole = _completeness_of_class(node, ast.Module([], [])) == 2 and not _lacks_parts(node)
+        if {"__init__", "forward"} <= methods and is_whole:
             return meaning(node.body) in self.bodies
         return statements_of(node) <= self.statements
 
@@ -78,15 +87,43 @@ def completeness(block: CodeBlock, name: str) -> int:
     """Tell a version of the class from an excerpt.
 
     Returns:
-        0 where `forward` is missing, and no base may define it; 1 where something is left out: by `...`, by a comment
-        instead of a body, or by a `forward` that computes nothing; else 2, also where the text does not parse.
+        0 where `forward` is missing, and no base may define it, or where a comment stands for code between other
+        statements; 1 where something is left out: by `...`, by a comment instead of a body, or by a `forward` that
+        computes nothing; else 2, also where the text does not parse.
     """
     if isinstance(block.parsed, Problem):
         header = rf"^([ \t]*)(?:def[ \t]+forward|class[ \t]+{re.escape(name)})\b.*(?:\n[ \t]*)*"
         comments = r"\n[ \t]*#.*(?:\n[ \t]*(?:#.*)?)*(?=\n|\Z)(?!\n\1[ \t])"
         return 1 if re.search(header + comments, block.text, re.MULTILINE) else 2
     tree = block.parsed
-    return max(_completeness_of_class(node, tree) for node in class_statements(tree, name))
+    nodes = class_statements(tree, name)
+    return max(0 if _is_shortened(node, block.text) else _completeness_of_class(node, tree) for node in nodes)
+
+
+def _is_shortened(node: ast.ClassDef, text: str) -> bool:
+    """Return whether comments stand for code of a class: they begin with `...`, or say so where a part is missing."""
+    strings = (part for part in ast.walk(node) if isinstance(part, ast.Constant) and isinstance(part.value, str))
+    quoted = {line for part in strings for line in range(part.lineno + 1, (part.end_lineno or part.lineno) + 1)}
+    lines = text.split("\n")
+    end = node.end_lineno or node.lineno
+    while end < len(lines) and re.match(r"[ \t]+#|[ \t]*$", lines[end]):  # behind its last statement
+        end += 1
+    numbers = [number for number in range(node.lineno + 1, end + 1) if number not in quoted]
+    for number in numbers:
+        goes_on = lines[number - 2].lstrip().startswith("#")  # "# It is", "# ... a sentence over two lines."
+        if _ELLIPSIS.match(lines[number - 1]) and not goes_on:
+            return True
+    return any(_MAY_STAND_FOR_CODE.match(lines[number - 1]) for number in numbers) and _lacks_parts(node)
+
+
+def _lacks_parts(node: ast.ClassDef) -> bool:
+    """Return whether the methods of a class use a part of `self` that neither they nor a base may have made."""
+    nodes = list(ast.walk(node))
+    parts = [part for part in nodes if isinstance(part, ast.Attribute) and _is_name(part.value, "self")]
+    used = {part.attr for part in parts if isinstance(part.ctx, ast.Load)}
+    made = {part.attr for part in parts if isinstance(part.ctx, ast.Store)} | names_of(node.body).bound
+    made |= {part.value for part in nodes if isinstance(part, ast.Constant) and isinstance(part.value, str)}
+    return not _bases(node) - {"Module"} and bool(used - made - MODULE_NAMES - {"training"})
 
 
 def _completeness_of_class(node: ast.ClassDef, tree: ast.Module) -> int:
@@ -228,9 +265,29 @@ def _is_network(node: ast.ClassDef, name: str) -> bool:
     forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
     if name in _bases(node):
         return bool(forward) or makes_layers(inside)
-    if any(len(item.args.args) - len(item.args.defaults) > 2 for item in forward):
+    if any(len(item.args.args) - len(item.args.defaults) > 2 for item in forward) or _is_given_a_network(node):
         return False
     return "forward" in names_of(node.body).bound and makes_layers(inside)
+
+
+def _is_given_a_network(node: ast.ClassDef) -> bool:
+    """Return whether a class keeps an argument without a default as it is, and calls it as a layer."""
+    inside = list(ast.walk(node))
+    arguments = {
+        argument.arg
+        for item in node.body
+        if isinstance(item, ast.FunctionDef) and item.name == "__init__"
+        for argument in item.args.args[1 : len(item.args.args) - len(item.args.defaults)]
+    }
+    kept: set[str] = set()
+    for part in inside:
+        match part:
+            case ast.Assign(
+                targets=[ast.Attribute(value=ast.Name(id="self"), attr=attribute)], value=ast.Name(id=value)
+            ):
+                kept |= {attribute} if value in arguments else set()
+    calls = [part.func for part in inside if isinstance(part, ast.Call) and isinstance(part.func, ast.Attribute)]
+    return any(_is_name(call.value, "self") and call.attr in kept for call in calls)
 
 
 def _is_of_super(node: ast.Name, inside: Collection[ast.AST]) -> bool:

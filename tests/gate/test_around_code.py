@@ -1,6 +1,7 @@
 """What stands around code is no part of it: fences that never end, labels, CDATA, quotes, prompts, JSON, notebooks."""
 
 import json
+from collections.abc import Callable
 from textwrap import indent
 
 import pytest
@@ -38,6 +39,8 @@ WORDS = {
     "mathematics": "$y = Wx + b$ at the end.",
     "other letters": "\u5c0f\u3055\u304f\u3066\u901f\u3044\u3067\u3059\u3002",
     "quote": "> It is small and quick.",
+    "use": f"Usage:\n\nnet = {NAME}(3, 3)\nprint(net(torch.zeros(1, 3, 8, 8)).shape)",
+    "use under a heading in bold": f"**Example usage:**\nnet = {NAME}()",
     "two backticks": "``\nIt is small and quick.",
 }
 
@@ -116,6 +119,8 @@ JSON = {
     "notebook with lines": json.dumps(NOTEBOOK, indent=1),
     "notebook in a fence": fenced(json.dumps(NOTEBOOK, indent=1) + "\n", "json"),
     "notebook of texts": json.dumps({"cells": [{"cell_type": "code", "source": NEW}]}),
+    "list of lines": json.dumps(NEW.split("\n")),
+    "fenced list of lines": fenced(json.dumps(NEW.split("\n"), indent=1) + "\n", "json"),
 }
 
 #: What else may stand around code.
@@ -192,8 +197,6 @@ def test_sentences_hide_no_fault_and_no_later_version(words: str) -> None:
         "x = F.relu(",
         "class Block(nn.Module):\n  def forward(self",
         "self.x = 1 1",
-        "!pip install einops",
-        "%matplotlib inline",
         "for x in y:\nz z",
         "@decorated(",
     ],
@@ -262,6 +265,17 @@ def test_cells_of_a_notebook_are_joined_like_blocks() -> None:
     using = NEW.replace("F.relu", "reduce")
     cells = [{"cell_type": "code", "source": "from functools import reduce"}, {"cell_type": "code", "source": using}]
     assert source_of(json.dumps({"cells": cells})) == f"from functools import reduce\n\n{using}"
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["%%writefile net.py", "%%time", "%matplotlib inline", "!pip install torch", "! python3 -m pip install -q torch"],
+)
+@pytest.mark.parametrize("write", [fenced, "{}".format])
+def test_commands_of_a_notebook_are_not_code(command: str, write: Callable[[str], str]) -> None:
+    """A model writes a cell as it would stand in a notebook; a fault in it stays one."""
+    assert source_of(write(f"{command}\n{NEW}")) == NEW
+    assert refusal_of(fenced(f"{command}\n{BROKEN}\n")).reason is Reason.syntax
 
 
 @pytest.mark.parametrize("text", AROUND.values(), ids=AROUND)

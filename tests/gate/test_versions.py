@@ -157,6 +157,42 @@ def test_excerpt_does_not_replace_the_class(excerpt: str, write: Callable[[str],
 
 
 @pytest.mark.parametrize(
+    "comment", ["...", "... existing layers ...", "\u2026", "(...)", "...\uff08\u5176\u4f59\u5c42\u4e0d\u53d8\uff09"]
+)
+def test_comment_in_the_place_of_code_leaves_no_whole_class(comment: str) -> None:
+    """Alone it is no answer, and beside another class it is an excerpt or a version that cannot be used."""
+    head = "class ImageRegressionCNN(nn.Module):\n    def __init__(self, in_channels=3, num_outputs=3):\n"
+    own = f"{head}        super().__init__()\n        # {comment}\n        self.scale = nn.Parameter(torch.ones(3))\n"
+    own += f"\n    def forward(self, x):\n        # {comment}\n        return x.mean((2, 3)) * self.scale\n"
+    assert refusal_of(fenced(own)).reason is Reason.no_class
+    assert refusal_of(f"{fenced(NEW)}\nScaled:\n{fenced(own)}").reason is Reason.no_class
+    assert source_of(f"{fenced(own)}\nAll of it:\n{fenced(NEW)}") == NEW
+
+
+@pytest.mark.parametrize(
+    "comment",
+    [
+        "layers as above",
+        "same as before",
+        "rest unchanged",
+        "keep the rest",
+        "and so on...",
+        "\u5176\u4f59\u4ee3\u7801\u4e0d\u53d8",
+    ],
+)
+def test_comment_about_code_counts_where_the_code_is_missing(comment: str) -> None:
+    """The same words above code that is there leave out nothing."""
+    lines = NEW.splitlines(keepends=True)
+    at = next(at for at, line in enumerate(lines) if "self.conv =" in line)
+    said = f"        # {comment}\n"
+    whole = "".join([*lines[:at], said, *lines[at:]])
+    assert source_of(f"{fenced(PARENT)}\n{fenced(whole)}") == whole
+    part = "".join([*lines[:at], said, *lines[at + 1 :]])
+    assert refusal_of(fenced(part)).reason is Reason.no_class
+    assert source_of(f"{fenced(NEW)}\nIts parts:\n{fenced(part)}") == NEW
+
+
+@pytest.mark.parametrize(
     "words",
     [
         "So\nclass ImageRegressionCNN is small.",

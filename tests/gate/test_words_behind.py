@@ -63,6 +63,11 @@ HONEST = {
         f"class {NAME}Export(nn.Module):\n    def __init__(self, net):\n        super().__init__()\n"
         "        self.net = net\n\n    def forward(self, image):\n        return self.net(image / 255)\n"
     ),
+    "wrapper of an argument that computes": fenced(
+        f"class {NAME}Student(nn.Module):\n    def __init__(self, teacher):\n        super().__init__()\n"
+        "        self.teacher = teacher\n        self.proj = nn.Linear(3, 3)\n\n    def forward(self, x):\n"
+        "        return self.proj(self.teacher(F.pad(x, (1, 1))))\n"
+    ),
     "loss": fenced(
         f"class {NAME}Loss(nn.Module):\n    def forward(self, force, truth):\n        return F.mse_loss(force, truth)\n"
     ),
@@ -175,6 +180,11 @@ HONEST = {
 
 #: Versions that the model went on to, in forms that cannot be used.
 LATER = {
+    "full-width brackets": fenced(f"class {NAME}\uff08nn.Module\uff09:\n{LAYERS}"),
+    "full-width signs": fenced(f"class {NAME}\uff08nn.Module\uff09\uff1a\n{LAYERS}"),
+    "renamed with an argument of its layers": fenced(
+        f"class {NAME}2(nn.Module):\n{LAYERS.replace('in_channels=3, num', 'width, num').replace('6', 'width')}"
+    ),
     "less under if": fenced("if True:\n" + indent(LESS, "    ")),
     "less in a function": fenced("def build():\n" + indent(LESS, "    ") + f"    return {NAME}\n"),
     "less in a string": fenced(f"SOURCE = '''\n{LESS}'''\n"),
