@@ -21,11 +21,8 @@ _JSON = re.compile(r"(?<!\w)(?=[{\[]\s*[\"{\[])")
 _HERE = re.compile(
     r"[ \t]*(?:\$[ \t]*)?(?:sudo[ \t]+)?(?:cat|tee|python3?)\b[^\n]*<<-?[ \t]*([\"']?)(\w+)\1(?!\w)[^\n]*$"
 )
-#: A command of a notebook on a line of its own.
-_MAGIC = re.compile(
-    r"(?:![ \t]*(?:pip3?|conda|python3?|apt|apt-get|wget|git|mkdir|nvidia-smi)\b"
-    r"|%(?:pip|conda|matplotlib|load_ext|autoreload|config|cd|env|reload_ext)\b|%%(?:writefile|time|timeit|capture|python3?)\b).*"
-)
+#: The command of a notebook that writes the rest of its cell into a file.
+_WRITES = re.compile(r"%%writefile\b.*")
 #: How many times JSON is looked for, how deep its values may be nested, and how often quotes may be quoted.
 _MOST_JSON, _DEEPEST, _MOST_QUOTES = 200, 12, 5
 
@@ -35,12 +32,12 @@ def unframed(text: str, name: str) -> str:
 
     Spaces of Unicode become plain ones where they indent. Quoted lines (`> code`) and those of a session (`>>> code`)
     lose their signs, and a session its output. JSON with one text that has the class (a tool call) becomes that text, a
-    notebook becomes its cells. Commands of a notebook between lines of code (`%%writefile net.py`) are left out.
+    notebook becomes its cells. The first line of a cell that writes a file (`%%writefile net.py`) is left out.
     """
     if name in text and ("{" in text or "[" in text):
         text = _without_json(text, name)
-    if name in text and re.search("^[!%]", text, re.MULTILINE):
-        text = "\n".join("" if _MAGIC.fullmatch(line) else line for line in text.split("\n"))
+    if name in text and "%%writefile" in text:
+        text = "\n".join("" if _WRITES.fullmatch(line) else line for line in text.split("\n"))
     text = _with_plain_indentation(text)
     if name in text:
         text = _with_plain_indentation(_without_prompts(_without_quotes(text), name))

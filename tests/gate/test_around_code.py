@@ -119,7 +119,7 @@ JSON = {
     "notebook with lines": json.dumps(NOTEBOOK, indent=1),
     "notebook in a fence": fenced(json.dumps(NOTEBOOK, indent=1) + "\n", "json"),
     "notebook of texts": json.dumps({"cells": [{"cell_type": "code", "source": NEW}]}),
-    "list of lines": json.dumps(NEW.split("\n")),
+    "list of lines alone": json.dumps(NEW.split("\n")),
     "fenced list of lines": fenced(json.dumps(NEW.split("\n"), indent=1) + "\n", "json"),
 }
 
@@ -267,15 +267,11 @@ def test_cells_of_a_notebook_are_joined_like_blocks() -> None:
     assert source_of(json.dumps({"cells": cells})) == f"from functools import reduce\n\n{using}"
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["%%writefile net.py", "%%time", "%matplotlib inline", "!pip install torch", "! python3 -m pip install -q torch"],
-)
 @pytest.mark.parametrize("write", [fenced, "{}".format])
-def test_commands_of_a_notebook_are_not_code(command: str, write: Callable[[str], str]) -> None:
-    """A model writes a cell as it would stand in a notebook; a fault in it stays one."""
-    assert source_of(write(f"{command}\n{NEW}")) == NEW
-    assert refusal_of(fenced(f"{command}\n{BROKEN}\n")).reason is Reason.syntax
+def test_cell_that_writes_a_file_is_read(write: Callable[[str], str]) -> None:
+    """A model writes it as it would stand in a notebook; a fault in it stays one."""
+    assert source_of(write(f"%%writefile net.py\n{NEW}")) == NEW
+    assert refusal_of(fenced(f"%%writefile net.py\n{BROKEN}\n")).reason is Reason.syntax
 
 
 @pytest.mark.parametrize("text", AROUND.values(), ids=AROUND)
