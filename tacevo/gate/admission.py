@@ -31,7 +31,7 @@ from tacevo.storage.verdicts import read_verdict, recall_verdict
 _GIVEN_SINCE, _ASKED_SINCE = 3, 4
 #: The first number of probes that show a network images of the data set.
 _SHOWN_SINCE = 7
-#: How many of them.
+#: How many of them: as many as the probe's largest batch has (`_MOST` of `tacevo.gate.probe`).
 _PROBED = 16
 
 

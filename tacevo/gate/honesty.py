@@ -42,8 +42,8 @@ _PARAMETRIZED = [part for part in parametrize._inject_new_class.__code__.co_cons
 def check_names(network: nn.Module) -> None:
     """Check that no module of a network has its own meaning for a name of `nn.Module`.
 
-    What a class says of itself is not used. Torch's classes must be what they were before the candidate ran, and a new
-    class or an object must not define any of these names.
+    What a class says of itself is not used. The classes that a training calls must be what they were before the
+    candidate ran (`build` compares all), and a new class or an object must not define any of these names.
 
     Raises:
         CandidateError: one does.

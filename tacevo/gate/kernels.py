@@ -78,13 +78,22 @@ class KernelWatcher(TorchDispatchMode):  # type: ignore[no-untyped-call]
 call_plainly(KernelWatcher.__torch_dispatch__)
 
 
+#: Nodes that run the kernel of another one, and those that run theirs once for each input that learns.
+_RUNS = {"celubackward": "elubackward", "relubackward": "thresholdbackward"}
+_PER_INPUT = frozenset({"cdistbackward", "mselossbackward", "smoothl1lossbackward", "huberlossbackward"})
+
+
 def too_often(kernels: Counter[str], nodes: Iterable[Node]) -> str | None:
     """Return the name of a kernel that ran more often than one backward pass runs it: once for each node of its name.
 
-    None where there is none. Kernels whose nodes have another name, as `threshold_backward` of a ReLU, do not count.
+    None where there is none. Kernels that no node of the graph is named after are not compared.
     """
     # A node is named `AdaptiveAvgPool2DBackward0`, its kernel `_adaptive_avg_pool2d_backward`.
-    often = Counter(node.name().rstrip("0123456789").lower() for node in nodes)
+    often: Counter[str] = Counter()
+    for node in nodes:
+        name = node.name().rstrip("0123456789").lower()
+        learning = sum(following is not None for following, _ in node.next_functions)
+        often[_RUNS.get(name, name)] += learning if name in _PER_INPUT else 1
     names = ((name, name.replace("_", "")) for name in sorted(kernels))
     return next((name for name, node in names if node in often and kernels[name] > often[node]), None)
 

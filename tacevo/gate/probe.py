@@ -7,6 +7,7 @@ contract asks for; took the optimiser's steps and no others; and stayed within t
 candidate code runs in this process and could forge all of this; docs/gate.md says what that gains.
 """
 
+from copy import deepcopy
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -97,7 +98,7 @@ class _Probe:
         flops, traced = self._evaluated(model, images)
         later = images if self._of_data is None else self._of_data
         before = state_outside(model)
-        _, flops_of_batch = self._step(model, later[:many], targets[:many], compared=True)
+        flops_of_batch = self._later_step(model, later[:many], targets[:many])
         learnt = count_learnt(before, state_outside(model))
         self._check_size(weights, learnt)
         trained = max(-(-flops_of_batch // many), flops)
@@ -233,6 +234,18 @@ class _Probe:
         traced = trace(model, images.clone())
         return self._watcher.flops - before, replace(traced, output=_copied(traced.output))
 
+    def _later_step(self, model: nn.Module, images: Tensor, targets: Tensor) -> int:
+        """Take a step that is compared with another optimiser's, and return the FLOPs of its forward pass.
+
+        A network may take the layout of a training in evaluation only; its training uses the other one then.
+        """
+        try:
+            return self._step(model, images, targets, compared=True)[1]
+        except CandidateError as failure:
+            if images.is_contiguous() or failure.reason not in (Reason.forward_failed, Reason.backward_failed):
+                raise
+        return self._step(model, images.contiguous(), targets, compared=True)[1]
+
     def _step(self, model: nn.Module, images: Tensor, targets: Tensor, *, compared: bool = False) -> tuple[Tensor, int]:
         """Take one optimiser step and check it; `compared` with one that an optimiser of our own takes, too.
 
@@ -317,9 +330,10 @@ def _of_data(header: Header, payload: bytes, arrays: Arrays) -> Tensor | None:
 
 def _stepped(listed: list[nn.Parameter]) -> list[nn.Parameter]:
     """Return copies of parameters after the step that their gradients ask for, taken by an optimiser of their own."""
-    copies = [nn.Parameter(parameter.detach().clone(), parameter.requires_grad) for parameter in listed]
-    for copy, parameter in zip(copies, listed, strict=True):
-        copy.grad = None if parameter.grad is None else parameter.grad.clone()
+    apart = deepcopy([parameter.detach() for parameter in listed])  # together: some may share their memory
+    copies = [nn.Parameter(each, parameter.requires_grad) for each, parameter in zip(apart, listed, strict=True)]
+    for each, parameter in zip(copies, listed, strict=True):
+        each.grad = None if parameter.grad is None else parameter.grad.clone()
     Adam(copies, _LEARNING_RATE).step()
     return copies
 

@@ -65,7 +65,9 @@ def _with_name(block: CodeBlock, aliases: Collection[str], name: str, parser: Bl
     statements = [node for node in tree.body if _other(node, name) in aliases]
     classes = [node.name for node in tree.body if isinstance(node, ast.ClassDef) and node.name in aliases]
     olds = [_other(node, name) for node in statements] or classes
-    if not olds:
+    # Pythons before 3.12 see no names in an f-string, and others do; a source may not depend on that.
+    formatted = [part for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in ast.walk(node)]
+    if not olds or any(isinstance(part, ast.Name) and part.id == olds[-1] for part in formatted):
         return block
     text = without(ParsedCode(block.text, tree), statements)
     note = [f"{olds[-1]} was renamed to {name}, as an assignment says"] if classes else []

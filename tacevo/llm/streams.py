@@ -116,8 +116,8 @@ class _Pieces:
         # The last event may have the whole message once more, and so may all of them.
         whole = "".join(_texts(_mapping(choice.get("message")).get("content")))
         if whole:
-            before = "".join(self.texts)
-            self.texts = [whole] if whole.startswith(before) else [before, whole]
+            is_all = len(whole) >= sum(map(len, self.texts)) and whole.startswith("".join(self.texts))
+            self.texts = [whole] if is_all else [*self.texts, whole]
 
     def body(self) -> Json:
         """Write the one answer."""

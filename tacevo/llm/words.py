@@ -148,7 +148,8 @@ def _coded(status: int, body: Json) -> int:
     """Return the status of a code in a body, or else the one that came."""
     codes = list(_codes(body))
     for code in codes:
-        if (isinstance(code, int) or code.isdecimal()) and 400 <= int(code) < 600:
+        is_status = isinstance(code, int) or (len(code) == 3 and code.isdecimal())
+        if is_status and 400 <= int(code) < 600:
             return int(code)
     folded = [re.sub("[^a-z]", "", code.casefold()) for code in codes if isinstance(code, str)]
     for word in folded:

@@ -32,7 +32,7 @@ from tacevo.training.numerics import check_machine
 _FIELDS = ("train_losses", "validation_losses", "predictions", "weights")
 
 #: Why a training may end on one machine and not on another.
-_BY_MACHINE = {Reason.out_of_time, Reason.out_of_memory}
+BY_MACHINE = {Reason.out_of_time, Reason.out_of_memory}
 
 #: Packages whose version may change training bits.
 _COMPUTING = ("torch", "numpy")
@@ -124,7 +124,7 @@ def evaluations(runs: Sequence[RecordedRun]) -> list[Evaluation]:
         check_known("training", run.rules.training, TRAININGS, run.directory.path)
         for line in run.ledger.lines:
             for one in line.by_seed() if isinstance(line, TrainedLine) else ():
-                if one.evaluation is not None and one.reason not in _BY_MACHINE:
+                if one.evaluation is not None and one.reason not in BY_MACHINE:
                     pairs.setdefault(one.evaluation, (run, one))
     return list(pairs.values())
 
@@ -227,7 +227,7 @@ def _check_equal(name: str, line: TrainedLine, result: Training | Rejection, dou
     if different is None:
         return
     reasons = [f"not promised: {doubt}" for doubt in doubts]
-    if isinstance(result, Rejection) and result.reason in _BY_MACHINE:
+    if isinstance(result, Rejection) and result.reason in BY_MACHINE:
         reasons.append("this depends on the machine's speed and memory; try with executor.workers=1 or a quiet machine")
     if line.not_portable:
         reasons.append(f"the candidate uses {', '.join(line.not_portable)}, whose bits depend on the CPU")

@@ -8,7 +8,7 @@ from tacevo.data.loading import split_rows
 from tacevo.environment import machine, usable_cores, versions
 from tacevo.errors import BundleError, ConfigError, DataError, DivergenceError, SandboxError
 from tacevo.records import DataFacts, Json, Mode, to_json
-from tacevo.reproduce.retrain import doubts_of, sampled
+from tacevo.reproduce.retrain import BY_MACHINE, doubts_of, sampled
 from tacevo.results.space_table import CARD, SpaceTable, TableNetwork, card
 from tacevo.rules import CURRENT, LIKE_TODAY, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.datasets import load_same, source_of, trivial_of
@@ -124,14 +124,15 @@ def measure_table(table: SpaceTable, view: Progress) -> str:
         verdicts = bench.executor.map(gate.inspect, [network.source for network in table.networks])
         for row, (network, verdict) in enumerate(zip(table.networks, verdicts, strict=True), start=1):
             now = network_of(verdict, network.genome, network.source)
+            if now.rejection is not None and now.rejection.reason in BY_MACHINE:
+                return f"{left}: network {row} ended with {now.rejection.reason} here"
             if _judged(now) != _judged(network):
                 place = f"{table.path}, networks.jsonl, line {row}"
                 first = ".".join(map(str, next(iter(differences(_judged(now), _judged(network))), ())))
                 raise DivergenceError(f"another {first}", place=place, expected="what the gate says of its source")
             view.advance("networks", row, len(table.networks))
-    return (
-        f"{counted(len(table.networks), 'network')} went through the gate again: verdicts and profiles are as recorded"
-    )
+    networks = counted(len(table.networks), "network")
+    return f"{networks} went through the gate again, on noise alone: verdicts and profiles are as recorded"
 
 
 def _judged(network: TableNetwork) -> Json:

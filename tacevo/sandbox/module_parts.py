@@ -88,8 +88,13 @@ def bits(tensor: Tensor) -> Tensor:
 
 
 def equal(some: Tensor, others: Tensor) -> bool:
-    """Compare bytes as `bits` returns them; torch's own comparison takes fifteen times as long."""
-    return np.array_equal(some.numpy(), others.numpy())
+    """Compare bytes as `bits` returns them, eight at a time: torch's own comparison takes far longer."""
+    left, right = some.numpy(), others.numpy()
+    whole = left.size // 8 * 8
+    return left.size == right.size and bool(
+        np.array_equal(left[:whole].view(np.int64), right[:whole].view(np.int64))
+        and np.array_equal(left[whole:], right[whole:])
+    )
 
 
 def _state(module: nn.Module, prefix: str) -> Iterator[tuple[str, Tensor]]:

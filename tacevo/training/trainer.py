@@ -86,7 +86,7 @@ class _Learner:
         self.listed = listed
         self.optimiser = Adam(listed, learning_rate)
         self._watched = listed if device.type == "cpu" else []
-        self._keep()
+        self._kept = [bits(parameter).clone() for parameter in self._watched]
 
     def step(self) -> None:
         """Take one step.
@@ -97,7 +97,7 @@ class _Learner:
         check_shared(every=False)
         self.check()
         self.optimiser.step()
-        self._keep()
+        self.keep()
         self.optimiser.zero_grad()  # so that no forward pass finds a gradient to step by
 
     def check(self) -> None:
@@ -110,8 +110,10 @@ class _Learner:
             detail = "expected parameters that only the trainer's steps change; got others"
             raise CandidateError(Reason.changes_its_weights, detail)
 
-    def _keep(self) -> None:
-        self._kept = [bits(parameter).clone() for parameter in self._watched]
+    def keep(self) -> None:
+        """Note the parameters' bits, from now on the right ones."""
+        for kept, parameter in zip(self._kept, self._watched, strict=True):
+            torch.Tensor.copy_(kept, bits(parameter))
 
 
 def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
@@ -213,7 +215,10 @@ def _train(job: _Job, send: Send) -> nn.Module:
             trained = {"weights_sha256": digest(model)}
         if job.last:
             _put_back(model, kept)
-            send({"tested": True}, _predict(job, model, job.predicted))
+            learner.keep()
+            predictions = _predict(job, model, job.predicted)
+            learner.check()
+            send({"tested": True}, predictions)
     with blaming(Reason.crashed):
         send(trained | ({"not_deterministic": sorted(noted)} if noted else {}), b"")
         if job.sent_epoch is not None:

@@ -305,6 +305,31 @@ def test_content_of_an_image_does_not_tell_the_probe_from_the_training(forward: 
         assert verdict.reason is Reason.depends_on_batch
 
 
+@pytest.mark.parametrize(
+    ("features", "init"),
+    [
+        ("torch.cdist(y, self.centres)", "self.centres = nn.Parameter(torch.randn(4, 4))"),
+        ("F.elu(F.celu(y))", ""),
+        ("F.relu(F.threshold(y, 0.1, 0.2))", ""),
+        ("F.mse_loss(y, self.centre.expand_as(y), reduction='none')", "self.centre = nn.Parameter(torch.zeros(4))"),
+        ("y @ self.twin", "self.own = nn.Linear(4, 4)\nself.twin = nn.Parameter(self.own.weight.data.t())"),
+    ],
+    ids=["distances", "two units", "threshold", "loss within", "weights that share memory"],
+)
+def test_honest_backward_pass_is_one(features: str, init: str) -> None:
+    """A node may run its kernel for each input that learns, or that of another name; weights may share memory."""
+    source = candidate(f"y = self.conv(x).mean((2, 3))\nreturn self.head({features})", init)
+    verdict = probe(source, contract(), smooth_images())
+    assert isinstance(verdict, Profile), verdict
+
+
+def test_network_that_takes_a_layout_in_evaluation_only_is_admitted() -> None:
+    """Its training uses the other one."""
+    flat = "x = x.view(-1).view(x.shape) if self.training else x\n"
+    source = candidate(f"{flat}return self.head(F.relu(self.conv(x)).mean((2, 3)))")
+    assert isinstance(probe(source, contract(), smooth_images()), Profile)
+
+
 def test_images_of_the_data_change_no_honest_profile() -> None:
     """A network has one profile, whichever data set it is probed for."""
     flat = candidate("return self.flat(x.view(len(x), -1))", "self.flat = nn.Linear(3 * 32 * 32, 3)")  # one layout only

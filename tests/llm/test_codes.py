@@ -150,6 +150,7 @@ DOUBTFUL: list[tuple[int, Json]] = [
     (200, {"error": {"message": "no", "code": 422}}),
     (400, {"error": {"message": "Invalid special token in messages.0; this model does not support top_k"}}),
     (200, {"error": {"message": "no", "type": "BadRequestError"}}),
+    (400, {"error": {"message": "no", "code": "9" * 5_000}}),
 ]
 
 

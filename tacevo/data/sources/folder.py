@@ -11,7 +11,7 @@ import numpy as np
 
 from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, content, directories, folded
-from tacevo.data.sources.image_files import FileSource, image_files, images_passed_over, other_files
+from tacevo.data.sources.image_files import FileSource, check_links, image_files, images_passed_over, other_files
 from tacevo.data.sources.table import number_in
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
@@ -106,6 +106,7 @@ def _key(name: str) -> float | str:
 
 def _images(directory: Path) -> list[Path]:
     """Find the images below a class directory, sorted by path."""
+    check_links(directory, "**/*")
     paths = image_files(directory, "**/*")
     names = [path.relative_to(directory).as_posix() for path in paths]
     twice = repeats((name, folded(name)) for name in names)

@@ -42,16 +42,21 @@ def image_files(directory: Path, pattern: str) -> list[Path]:
     """Find the images of a directory, sorted by path; hidden ones are left out (`is_passed_over`).
 
     The pattern is `*`, or `**/*` for all directories below too.
+    """
+    return [path for path in _files(directory, pattern) if path.suffix.lower() in SUFFIXES]
+
+
+def check_links(directory: Path, pattern: str) -> None:
+    """Check that no image of a directory, as `image_files` finds them, is a link to nothing.
 
     Raises:
-        DataError: one of them is a link to nothing, as in a clone whose files were not fetched.
+        DataError: one is, as in a clone whose files were not fetched.
     """
     images = (path for path in directory.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_symlink())
     dead = sorted(path.relative_to(directory).as_posix() for path in images if not path.exists())
     shown = [name for name in dead if not is_passed_over(PurePath(name))]
     remedy = "fetch them (`git annex get`, `dvc pull`) or remove them"
     check_no_faults(f"images in {directory} are links to files that are not there", shown, remedy)
-    return [path for path in _files(directory, pattern) if path.suffix.lower() in SUFFIXES]
 
 
 def other_files(directory: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
@@ -203,6 +208,8 @@ def _stored(path: Path) -> npt.NDArray[Any]:
     darker.
     """
     with _opened(path) as file:
+        # Asked for first, by the size in the header: where memory lacks, Pillow may call a whole image cut off.
+        np.empty((file.height, file.width, 4), np.uint8)
         image = ImageOps.exif_transpose(file)
     if image.mode.startswith(("I", "F")):
         return np.asarray(image)

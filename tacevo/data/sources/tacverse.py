@@ -26,7 +26,7 @@ import numpy.typing as npt
 from tacevo.choices import GratingClasses, RecordedTask
 from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content, directories
-from tacevo.data.sources.image_files import FileSource, image_files, other_files
+from tacevo.data.sources.image_files import FileSource, check_links, image_files, other_files
 from tacevo.data.sources.table import Row, read_rows, unnamed_images
 from tacevo.data.splitting import PARTS, Split, ordered_split
 from tacevo.errors import DataError
@@ -316,6 +316,7 @@ def _check_named(setting: str, names: Sequence[str]) -> None:
 
 def _gratings(directory: Path, sensor: str, pattern: str) -> list[_Image]:
     """Find the images of one pattern; each name says which press it is of."""
+    check_links(directory, "*")
     paths = image_files(directory, "*")
     if not paths:
         expected = f"a directory with {listed(sorted(SUFFIXES))} files"
@@ -343,6 +344,7 @@ def _shapes(directory: Path, sensor: str) -> _Listing:
     names = directories(directory)
     images, unnumbered, empty = [], [], []
     for name in names:
+        check_links(directory / name, "*")
         paths = image_files(directory / name, "*")
         empty += [] if paths else [name]
         numbers = {path: re.findall(r"\d+", path.stem, flags=re.ASCII) for path in paths}

@@ -98,6 +98,8 @@ def test_links_that_lead_out_are_followed_and_told(tmp_path: Path) -> None:
     (tmp_path / "classes" / "b" / "3.png").symlink_to(tmp_path / "never fetched.png")
     with refused(DataError, got="3.png"):
         folder.catalogue()
+    (tmp_path / "set" / "unnamed.png").symlink_to(tmp_path / "never fetched.png")
+    table.catalogue()
 
 
 @pytest.mark.parametrize("name", ["..", "../Other", "/", "ViTacTip/../.."])

@@ -42,7 +42,7 @@ def test_first_line_of_a_spreadsheet_is_obeyed(text: str, tmp_path: Path) -> Non
     ("text", "words"),
     [
         ("image_name;fx;fz\n0.png;1,5;2,5\n", "begin the file with a line sep=;"),
-        ("image_name\tfx\tfz\n0.png\t1\t2\n", "begin the file with a line sep=\t"),
+        ("image_name\tfx\tfz\n0.png\t1\t2\n", r"begin the file with a line sep=\t"),
         ("sep=;\nimage_name,fx,fz\n0.png,1,2\n", "begin the file with a line sep=,"),
         ("sep=;\nimage_name;fx;fz\n0.png;1,5;2.5\n", "line 3 fx = '1,5'"),
         ("sep=;\nimage_name;fx;fz\n0.png;1,000,000;2\n", "line 3 fx = '1,000,000'"),
