@@ -144,7 +144,14 @@ def test_card_and_run_name_where_it_comes_from(exported: Path, published: Path) 
     assert (told["digest"], told["candidate"], told["run"]) == (run.digest, name, run.name)
     assert [one["was_recorded"] for one in told["trainings"]] == [True, True]
     assert told["study"] == run.studies[0].digest
-    for text in ("license: cc-by-4.0", run.digest, "ensemble of 2", "4 seeds the run's study", "Fx (N)", "type: r2"):
+    for text in (
+        "license: cc-by-4.0",
+        run.digest,
+        "ensemble of 2",
+        "2 of its 4 seeds were trained again here",
+        "Fx (N)",
+        "type: r2",
+    ):
         assert text in card
     for times in read(exported, "latency.json")["milliseconds"].values():
         assert all(0 < one["lower_quartile"] <= one["median"] for one in times.values())

@@ -108,8 +108,8 @@ trainer.digest = lambda model: f'{len(steps):064x}'
 )
 
 #: The end of an epoch of `MORE_STEPS` that hides how many steps there were.
-COUNT_RESET = """for kept in job[3].state.values():
-        kept['step'].fill_(8 * (1 + job[4]))
+COUNT_RESET = """for kept in job[2].optimiser.state.values():
+        kept['step'].fill_(8 * (1 + job[3]))
     return loss"""
 
 #: Each is too large in one way.
