@@ -21,7 +21,7 @@ from tacevo.rules import CURRENT
 from tacevo.runs.answers import UNREADABLE, judged_answers, task_without_data
 from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import report
-from tacevo.text import listed, printable
+from tacevo.text import listed
 
 
 def add_check(parser: Parser) -> None:
@@ -49,9 +49,9 @@ def _check(options: argparse.Namespace) -> int:
         verdict = judged | {"file": name}  # as it was typed
         if verdict["verdict"] == UNREADABLE:
             status = MISTAKE
-            tell(f"error: {printable(str(verdict['detail']))}", error=True, flush=True)
+            tell(f"error: {verdict['detail']}", error=True, flush=True)
         if options.json or verdict["verdict"] != UNREADABLE:
-            tell(json.dumps(verdict) if options.json else printable(_words(verdict)), flush=True)
+            tell(json.dumps(verdict) if options.json else _words(verdict), flush=True)
     return status
 
 

@@ -9,12 +9,9 @@ from collections.abc import Mapping
 
 from tacevo.llm.retry import Fault, FaultError, FaultKind, fault_of_body
 from tacevo.llm.stops import stop_reason_of
-from tacevo.llm.streams import TEXTS, first_choice, joined, read_values
+from tacevo.llm.streams import DECODER, TEXTS, first_choice, joined, read_values
 from tacevo.llm.words import error_in
 from tacevo.records import Completion, Delivery, Json, token_count
-
-#: Digits of the longest number that is read as one.
-_DIGITS = 20
 
 
 def read_body(data: bytes) -> Json:
@@ -26,7 +23,7 @@ def read_body(data: bytes) -> Json:
     try:
         text = data.decode(json.detect_encoding(data), errors="replace")
         try:
-            body: Json = json.loads(text, parse_int=lambda digits: int(digits) if len(digits) <= _DIGITS else None)
+            body: Json = DECODER.decode(text)
             return joined([body], is_done=False)
         except ValueError as error:
             alone = error

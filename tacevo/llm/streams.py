@@ -17,7 +17,8 @@ from tacevo.records import Json
 #: Digits of the longest number that is read as one.
 _DIGITS = 20
 
-_DECODER = json.JSONDecoder(parse_int=lambda digits: int(digits) if len(digits) <= _DIGITS else None)
+#: Reads JSON of servers; a longer number is None.
+DECODER = json.JSONDecoder(parse_int=lambda digits: int(digits) if len(digits) <= _DIGITS else None)
 
 #: The last event of a chat-completions stream.
 _DONE = "[DONE]"
@@ -48,7 +49,7 @@ def read_values(text: str) -> tuple[list[Json], bool]:
     place = 0
     while place < len(left) and not left.startswith(_DONE, place):
         try:
-            value, end = _DECODER.raw_decode(left, place)
+            value, end = DECODER.raw_decode(left, place)
         except ValueError:
             if not values:
                 raise

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import venv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import metadata
 from importlib.util import find_spec
@@ -35,8 +35,8 @@ from tacevo.evolution.lines import TrainedLine
 from tacevo.export import directory
 from tacevo.export.trainings import ExportSettings, Like, design, train
 from tacevo.records import Mode, to_json
-from tacevo.results.study_directory import plain_study, studies_of
-from tacevo.results.study_lines import ScoreLine
+from tacevo.results.study_directory import StudyDirectory, plain_study, studies_of
+from tacevo.results.study_lines import Row, ScoreLine
 from tacevo.rules import STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
@@ -218,6 +218,17 @@ def test_other_record_is_an_error_if_nothing_is_believed(folder: Path) -> None:
     assert not Path("model").exists()
 
 
+def _with_scores(directory: StudyDirectory, rows: Sequence[Row]) -> tacevo.Run:
+    """Write other scores into a study, with the hashes of them, and open its run."""
+    text, digest = sealed_text([directory.read_scores().header, *rows])
+    record = replace(directory.read(), digest=digest)
+    directory.scores.write_text(text)
+    (directory.path / "study.json").write_text(readable(plain_study(record)))
+    run = tacevo.open("run")
+    assert isinstance(run, tacevo.Run)
+    return run
+
+
 def test_forged_study_is_not_repeated(folder: Path) -> None:
     """Its metrics do not follow from its test predictions; like the search, the network is exported without it."""
     (directory,) = [one for one in studies_of(Path("run")) if one.read().terms is not None]
@@ -225,11 +236,7 @@ def test_forged_study_is_not_repeated(folder: Path) -> None:
     rows = [
         replace(row, metrics=dict.fromkeys(row.metrics, 0.991)) for row in scores.rows if isinstance(row, ScoreLine)
     ]
-    text, digest = sealed_text([scores.header, *rows])
-    directory.scores.write_text(text)
-    (directory.path / "study.json").write_text(readable(plain_study(replace(record, digest=digest))))
-    run = tacevo.open("run")
-    assert isinstance(run, tacevo.Run)
+    run = _with_scores(directory, rows)
     name = record.networks[1].id
     for retrained in (False, True):
         with refused(DivergenceError, place="metrics", expected="0.991"):
@@ -257,11 +264,7 @@ def test_study_of_forged_labels_is_not_cited(folder: Path) -> None:
                 again = Entry(kind=entry["kind"], request=entry["request"], answer=entry["answer"])
                 path.write_text(json.dumps(again.sealed()))
         rows.append(replace(row, metrics=metrics, kept=kept))
-    text, digest = sealed_text([scores.header, *rows])
-    directory.scores.write_text(text)
-    (directory.path / "study.json").write_text(readable(plain_study(replace(record, digest=digest))))
-    run = tacevo.open("run")
-    assert isinstance(run, tacevo.Run)
+    run = _with_scores(directory, rows)
     name = record.networks[1].id
     line = next(line for line in run.recorded.candidates if line.id == name)
     assert design(run.recorded, line, ExportSettings()).scores  # as far as the stores say
