@@ -5,7 +5,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,10 +17,12 @@ from tacevo.config.task_texts import facts_without_data
 from tacevo.environment import machine, versions
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.records import Json, Mode, Rejection
+from tacevo.reproduce.bits import compare as bits
 from tacevo.rules import CURRENT
 from tacevo.runs.answers import UNREADABLE, judged_answers, task_without_data
 from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import report
+from tacevo.storage.files import write_durably
 from tacevo.text import listed
 
 
@@ -64,19 +66,33 @@ def _words(verdict: dict[str, Json]) -> str:
 
 def add_doctor(parser: Parser) -> None:
     """Describe `tacevo doctor`."""
+    parser.description = (
+        "Check what a run needs of this machine: packages, sandbox, directory, and the bits of portable numerics, "
+        "which are computed and compared with the recorded ones. The exit status is 1 where a check fails or bits "
+        "differ."
+    )
+    parser.add_argument(
+        "--report", metavar="FILE", help="write what this CPU computes to FILE (JSON), to be sent to the project"
+    )
     parser.set_defaults(command=_doctor)
 
 
 def _doctor(options: argparse.Namespace) -> int:
-    findings, sound = examine()
+    findings, sound, compared = examine()
     tell(findings)
+    if options.report is not None:
+        write_durably(Path(options.report), json.dumps(bits.report(compared), indent=1) + "\n")
+        tell(f"the report is in {options.report}; it names no file and no person")
     return DONE if sound else DIFFERENT
 
 
-def examine() -> tuple[str, bool]:
-    """Check machine, packages, sandbox and directories; return the findings as text, and whether a search can run.
+def examine() -> tuple[str, bool, Sequence[bits.Compared]]:
+    """Check machine, packages, sandbox, directories and bits.
 
     The confinement is what confined the candidate that was tried, or what the machine offers if none could be tried.
+
+    Returns:
+        The findings as text; whether all is well; and the bits, by level of numerics.
     """
     held: list[Mapping[str, str]] = []
     checks: dict[str, Callable[[], str]] = {
@@ -86,15 +102,18 @@ def examine() -> tuple[str, bool]:
     }
     results = {name: _tried(check) for name, check in checks.items()}
     confinement = held[0] if held else report()
+    tell("computing what portable numerics give on this CPU: some seconds", error=True, flush=True)
+    compared = bits.compare()
     sections = [
         ("machine", [f"{key}: {value}" for key, value in machine().items()]),
         ("versions", [f"{key}: {value}" for key, value in versions().items()]),
         ("confinement", [f"{key}: {value}" for key, value in confinement.items()]),
         ("keys", [f"ANTHROPIC_API_KEY: {'set' if os.environ.get('ANTHROPIC_API_KEY') else 'not set'}"]),
+        ("bits", [f"{each.level}: {each}" for each in compared]),
         ("checks", [f"{'ok  ' if good else 'FAIL'} {name}: {text}" for name, (good, text) in results.items()]),
     ]
     text = "\n".join("\n".join([f"{title}:", *(f"  {line}" for line in lines)]) for title, lines in sections)
-    return text, all(good for good, _ in results.values())
+    return text, all(good for good, _ in results.values()) and not any(each.differing for each in compared), compared
 
 
 def _tried(check: Callable[[], str]) -> tuple[bool, str]:

@@ -119,10 +119,11 @@ def _is_compound(func: Any) -> bool:
 
 
 def _spelling(func: Callable[..., Any], args: tuple[Any, ...]) -> str:
-    """Return a kernel's name as in `NOT_PORTABLE`: a power of 0.5 uses the code of the square root."""
-    name = str(func).split(".")[1].rstrip("_")
-    is_root = name == "pow" and len(args) > 1 and isinstance(args[1], float) and args[1] == 0.5
-    return "sqrt" if is_root else name
+    """Return a kernel's name as in `NOT_PORTABLE`: a power of 0.5 is a square root, and `out=` is named with it."""
+    _, name, overload = str(func).split(".")
+    is_root = name in ("pow", "pow_") and len(args) > 1 and isinstance(args[1], float) and args[1] == 0.5
+    plain = "sqrt" if is_root else name.rstrip("_")
+    return f"{plain}_out" if overload.endswith("out") else plain
 
 
 def _recurrent(inputs: Tensor, input_weight: Tensor, hidden_weight: Tensor, *_: Any, **__: Any) -> int:

@@ -40,11 +40,11 @@ WEIGHTED = CONVOLUTIONS.keys() | _WEIGHTED.split()
 #: Kernels of torch whose last bit depends on the CPU even under portable numerics, with what calls them, as
 #: measured (docs/determinism.md): there MKL and oneDNN choose their code by the CPU under every setting.
 NOT_PORTABLE: Mapping[str, str] = {
-    "sqrt": "torch.sqrt, pow with exponent 0.5, LPPool1d, LPPool2d, LPPool3d",
-    "atan": "torch.atan, torch.arctan",
-    "acos": "torch.acos, torch.arccos",
-    "asin": "torch.asin, torch.arcsin",
-    "tan": "torch.tan of float64",
+    "sqrt_out": "torch.sqrt and pow with exponent 0.5, with `out=`; without, tacevo.sandbox.functions computes them",
+    "atan_out": "torch.atan and torch.arctan with `out=`",
+    "acos_out": "torch.acos and torch.arccos with `out=`",
+    "asin_out": "torch.asin and torch.arcsin with `out=`",
+    "tan_out": "torch.tan of float64 with `out=`",
     "linalg_cholesky_ex": "torch.linalg.cholesky",
     "mkldnn_rnn_layer": "nn.LSTM",
 }

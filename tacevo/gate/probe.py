@@ -25,6 +25,7 @@ from tacevo.randomness import derived_seed, stream
 from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
 from tacevo.sandbox.candidate import Adam, blaming, build, check_leaves, fault, standardise
 from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.functions import portable_functions
 from tacevo.sandbox.guards import CandidateError
 from tacevo.sandbox.module_parts import bits, equal, graph_nodes, modules, parameters
 from tacevo.sandbox.protocol import Header
@@ -55,7 +56,7 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> list[nn.M
     rows of `images` in the arrays, 16 of them, uint8 of shape (N, C, S, S). Return the networks, to be kept alive: a
     finaliser must not run before the answer is sent.
     """
-    with KernelWatcher() as watcher:
+    with portable_functions(), KernelWatcher() as watcher:
         probe = _Probe(header, watcher, _of_data(header, payload, arrays))
         try:
             profile = replace(probe.profile(), not_portable=tuple(sorted(watcher.not_portable)))

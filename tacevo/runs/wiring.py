@@ -26,7 +26,7 @@ from tacevo.evolution.state import Budget, Plan
 from tacevo.gate.admission import DataImages, Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
-from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, TRAININGS_OF_STUDIES, Rules
+from tacevo.rules import CONTIGUOUS, CURRENT, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import examples_of, held_out_of
 from tacevo.runs.looked_up import LookedUp, probes_of, table_of
 from tacevo.runs.providers import build_llm, provider_settings
@@ -384,6 +384,7 @@ class Workbench:
             numerics=self.config.numerics.kind,
             device=self.config.training.device,
             contiguous=training in CONTIGUOUS,
+            mkl_functions=training in MKL_FUNCTIONS,
         )
 
 

@@ -21,7 +21,8 @@ VARIABLE = "TACEVO_CACHES"
 
 _CPU = b"_ZZN4dnnl4impl3cpu3x643cpuEvE4cpu_"
 _SIZE_OF_CACHE = b"_ZN4dnnl4impl3cpu8platform23get_per_core_cache_sizeEi"
-_TORCH = "2.13.0"
+#: The torch whose oneDNN this is, and whose bits are recorded (`tacevo.reproduce.bits`).
+TORCH = "2.13.0"
 #: `Xbyak::util::Cpu` of its oneDNN, in words of 32 bits: how many there are, and where the sizes of its ten caches
 #: begin, the numbers of cores that share each, and the number of caches.
 _WORDS, _SIZES, _SHARING, _LEVELS = 36, 6, 16, 26
@@ -49,7 +50,7 @@ def pin(sizes: Sequence[int]) -> None:
     Raises:
         SandboxError: this build of torch keeps the sizes elsewhere.
     """
-    if version("torch").partition("+")[0] != _TORCH:
+    if version("torch").partition("+")[0] != TORCH:
         return
     start, library = _loaded("libtorch_cpu.so")
     symbols = _symbols(library, (_CPU, _SIZE_OF_CACHE))
@@ -73,7 +74,7 @@ def pin(sizes: Sequence[int]) -> None:
 
 def _unknown(got: str) -> SandboxError:
     remedy = "install the torch of torch.lock, or set numerics=fast"
-    return SandboxError(got, place=VARIABLE, expected=f"the oneDNN of torch {_TORCH}", remedy=remedy)
+    return SandboxError(got, place=VARIABLE, expected=f"the oneDNN of torch {TORCH}", remedy=remedy)
 
 
 def _loaded(name: str) -> tuple[int, Path]:

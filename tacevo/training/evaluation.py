@@ -64,6 +64,8 @@ class Setting:
     device: Device = Device.cpu
     #: Whether images keep torch's default memory layout, as before number 3 of the rules; the keys hold that number.
     contiguous: bool = False
+    #: Whether square roots and their like are MKL's, as before number 5 of the rules.
+    mkl_functions: bool = False
 
     def request(self, source: str, seed: int, *, version: int) -> Json:
         """Return the request that a store keeps an evaluation under."""
@@ -115,6 +117,7 @@ class Setting:
             **({"groups": sizes} if len(sizes) > 1 else {}),
             **self._sent_device(),
             **({"contiguous": True} if self.contiguous else {}),
+            **({"mkl_functions": True} if self.mkl_functions else {}),
             **({} if sent_epoch is None else {"sent_epoch": sent_epoch}),
             **({"last": True} if last else {}),
         }

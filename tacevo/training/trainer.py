@@ -32,6 +32,7 @@ from tacevo.sandbox.candidate import (
     standardise,
 )
 from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.functions import portable_functions
 from tacevo.sandbox.guards import CandidateError, check_shared
 from tacevo.sandbox.module_parts import bits, equal, parameters, state, switch
 from tacevo.sandbox.protocol import Header
@@ -123,7 +124,8 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
         header: `source`, `contract`, `recipe`, `seed`; `mean` and `deviation` per channel, in units of the stored
             values; `train` and `validation`, the numbers of images; `groups`, the sizes of the groups that the latter
             are divided into, by default one; `device`, by default `cpu`; `contiguous`, by default false: whether the
-            images keep torch's default layout, as before number 3 of the rules; `sent_epoch`, by default null: the
+            images keep torch's default layout, as before number 3 of the rules; `mkl_functions`, by default false:
+            whether `tacevo.sandbox.functions` is left out, as before number 5; `sent_epoch`, by default null: the
             epoch, from 1, whose weights are sent; `last`, by default false: whether only the first group is predicted
             after each epoch, and all of them in the end, with the weights of the epoch of the lowest score.
         payload: int64 rows of the training images, int64 rows of the validation images, then the training
@@ -136,11 +138,14 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
             `{"rejection": {"reason", "detail"}}`. The weights of `sent_epoch` come last, as
             `tacevo.sandbox.candidate.send_weights` sends them.
     """
+    job, kept = _read(header, payload, arrays), None
+    is_on_cpu = job.device.type == "cpu"
+    has_own = is_on_cpu and not header.get("mkl_functions", False)
     try:
-        job, kept = _read(header, payload, arrays), None
-        if job.device.type == "cpu" and not header.get("contiguous", False):
-            job, kept = _in_fast_layout(job)
-        return kept, _train(job, send)
+        with portable_functions() if has_own else nullcontext():
+            if is_on_cpu and not header.get("contiguous", False):
+                job, kept = _in_fast_layout(job)
+            return kept, _train(job, send)
     except CandidateError as failure:
         send({"rejection": {"reason": failure.reason.value, "detail": str(failure)}}, b"")
         return failure  # its traceback keeps the candidate's objects alive, so that their finalisers do not run

@@ -208,23 +208,31 @@ def test_untidy_but_sound_candidate_is_admitted(source: str) -> None:
 @pytest.mark.parametrize(
     ("kernels", "source"),
     [
-        (("sqrt",), candidate(f"return ({GOOD}.abs() + 0.1).sqrt()")),
-        (("sqrt",), candidate(f"return ({GOOD}.abs() + 0.1) ** 0.5")),
-        (("sqrt",), candidate("return self.head(F.lp_pool2d(self.conv(x).abs() + 0.1, 2, 2).mean((2, 3)))")),
-        (("sqrt",), candidate(f"return {GOOD} * self.scale", "self.scale = torch.sqrt(torch.tensor(2.0))")),
-        (("atan",), candidate(f"y = {GOOD}\nreturn getattr(torch, 'arct' + 'an')(y) if self.training else y")),
-        (("atan",), candidate(f"with torch.inference_mode():\n    self.conv(x).arctan()\nreturn {GOOD}")),
-        (("acos",), candidate(f"return torch.acos(torch.tanh({GOOD}))")),
-        (("asin",), candidate(f"return torch.asin(torch.tanh({GOOD}))")),
+        (
+            ("linalg_cholesky_ex",),
+            candidate(f"return {GOOD} * self.scale", "self.scale = torch.linalg.cholesky(torch.eye(2))[0, 0]"),
+        ),
+        (
+            ("linalg_cholesky_ex",),
+            candidate(
+                f"with torch.inference_mode():\n    getattr(torch.linalg, 'chol' + 'esky')(torch.eye(2))\nreturn {GOOD}"
+            ),
+        ),
+        (
+            ("linalg_cholesky_ex",),
+            candidate(f"y = {GOOD}\nreturn y * torch.linalg.cholesky(torch.eye(2))[0, 0] if self.training else y"),
+        ),
         (
             ("mkldnn_rnn_layer",),
             candidate(f"return {GOOD} + self.r(x[:, :, 0])[0].mean(1)", "self.r = nn.LSTM(32, 3, batch_first=True)"),
         ),
         ((), candidate(f"return ({GOOD} ** 2 + 0.1).rsqrt() * math.sqrt(2) + x.std((1, 2, 3))[:, None]")),
+        ((), candidate(f"return ({GOOD}.abs() + 0.1) ** 0.5 + torch.atan(torch.acos(torch.tanh({GOOD})).sqrt())")),
+        ((), candidate("return self.head(F.lp_pool2d(self.conv(x).abs() + 0.1, 2, 2).mean((2, 3)))")),
     ],
 )
 def test_operations_that_are_not_portable_are_named(kernels: tuple[str, ...], source: str) -> None:
-    """However they are called, while building too and in either mode; equal portable forms are not."""
+    """However they are called, while building too and in either mode; what is computed alike everywhere is not."""
     assert profile_of(source).not_portable == kernels
 
 

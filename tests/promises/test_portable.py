@@ -14,12 +14,9 @@ from pathlib import Path
 
 import pytest
 import torch
-from checkout import GOLDEN, ROOT
+from checkout import ROOT
 from forms import forms, forms_of_answers, forms_of_grammar
 from gate_cases import needs_shared
-from operations import expressions, names
-from portable_operations import computed
-from portable_trainings import NETWORKS, candidates
 from torch import nn
 
 from tacevo.choices import Numerics
@@ -29,6 +26,10 @@ from tacevo.gate.kernels import KernelWatcher
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import rejection_of
+from tacevo.reproduce.bits.compare import LEVELS, compare, recorded, report
+from tacevo.reproduce.bits.expressions import expressions, names
+from tacevo.reproduce.bits.networks import SOURCES, candidates
+from tacevo.reproduce.bits.operations import computed
 from tacevo.sandbox.caches import VARIABLE
 from tacevo.training.numerics import check_machine, environment
 
@@ -57,16 +58,14 @@ LESSER = {
 #: What qemu 7.2 computes wrongly, by far more than a last bit: its gather instruction, so this says nothing of CPUs.
 MISCOMPUTED = {"F.grid_sample(i, g)"}
 
-#: What the portable levels compute, in files of their names.
-BITS = GOLDEN / "bits"
-
-LEVELS = (Numerics.portable, Numerics.portable512)
-
-#: Digests of `portable_trainings.steps` on an Intel Xeon (family 6, model 167), with 32, 64 and 128 pixels.
+#: Digests of `portable_printing.steps` on an Intel Xeon (family 6, model 167), with 32, 64 and 128 pixels.
 XEON = {
     Numerics.portable: ["dec0867701199139", "08ff64a234ec4dc0", "240b16a177c3ed20"],
     Numerics.portable512: ["c2211a064d7f1b29", "803d705e9b929bf3", "41820f2d9feb07ed"],
 }
+
+#: Recorded digests that no CPU computes: of a training, of an operation, and of one that flags its candidate.
+OTHERS = dict.fromkeys(["plain: training", "torch.add(x, y)", "torch.linalg.cholesky(h)"], "0" * 16)
 
 DOCUMENT = ROOT / "docs" / "determinism.md"
 
@@ -123,9 +122,7 @@ def survived(*emulator: str) -> dict[str, str]:
     waiting = list(expressions())
     digests: dict[str, str] = {}
     while len(digests) < len(waiting):
-        further = printed(
-            "portable_operations.operations", *emulator, check=False, variables={"SKIP": str(len(digests))}
-        )
+        further = printed("portable_printing.operations", *emulator, check=False, variables={"SKIP": str(len(digests))})
         digests |= further or {waiting[len(digests)]: "crashed"}
     return digests
 
@@ -136,23 +133,6 @@ def able(numerics: Numerics) -> None:
         check_machine(numerics)
     except ConfigError as error:
         pytest.skip(str(error))
-
-
-def recorded_bits(numerics: Numerics) -> dict[str, str]:
-    """Read the golden bits of a level: 16 hex digits of each digest, by what was computed."""
-    recorded: dict[str, str] = json.loads((BITS / f"{numerics}.json").read_text(encoding="utf-8"))
-    return recorded
-
-
-def flagged(what: str) -> bool:
-    """Tell whether this is an expression that runs a kernel whose bits may depend on the CPU."""
-    with KernelWatcher() as watcher:
-        return what in set(expressions()) and bool((computed(what), watcher.not_portable)[1])
-
-
-def cpu() -> str:
-    """Name this machine's CPU."""
-    return str(machine()["cpu"])
 
 
 @pytest.fixture(scope="module")
@@ -214,26 +194,37 @@ def test_operations_that_differ_are_flagged_and_documented() -> None:
         assert f"| `{kernel}` |" in documented, f"put this table into docs/determinism.md:\n{rows}"
 
 
-@deprecated
-@pytest.mark.usefixtures("_refusing")
-@pytest.mark.parametrize("numerics", LEVELS)
-def test_this_cpu_gives_the_recorded_bits(numerics: Numerics, tmp_path: Path) -> None:
+def test_this_cpu_gives_the_recorded_bits(tmp_path: Path) -> None:
     """Trainings, convolutions and all operations, as recorded on another CPU; flagged operations may differ.
 
-    What another torch computes is written beside, to become the golden file.
+    What another torch computes is written beside, to become the golden files.
     """
-    able(numerics)
-    computed_here = {what: bits[:16] for what, bits in printed("portable_trainings.bits", numerics=numerics).items()}
-    (tmp_path / f"{numerics}.json").write_text(json.dumps(computed_here, indent=1) + "\n")
-    recorded = recorded_bits(numerics)
-    assert computed_here.keys() == recorded.keys(), f"compare {BITS} and {tmp_path}"
-    differing = [what for what in recorded if computed_here[what] != recorded[what] and not flagged(what)]
-    assert not differing, f"{cpu()} differs; its bits are in {tmp_path}"
+    compared = compare()
+    for each in compared:
+        text = json.dumps(dict(each.digests), indent=1)
+        (tmp_path / f"{each.level}.json").write_text(f"{text}\n", encoding="utf-8")
+    assert any(each.reason is None for each in compared) or machine()["architecture"] != "x86_64"
+    for each in compared:
+        assert each.reason is not None or each.digests.keys() == recorded(each.level).keys(), f"compare {tmp_path}"
+        assert not each.differing, f"{machine()['cpu']}: {each}; its bits are in {tmp_path}"
+
+
+def test_other_bits_are_told_from_flagged_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A training that differs breaks the promise; an operation that flags its candidate does not; neither is hidden."""
+    able(Numerics.portable)
+    monkeypatch.setattr("tacevo.reproduce.bits.compare.recorded", lambda level: recorded(level) | OTHERS)
+    (here,) = compare([Numerics.portable])
+    assert list(here.differing) == ["plain: training", "torch.add(x, y)"]
+    assert list(here.flagged) == ["torch.linalg.cholesky(h)"]
+    assert f"({len(here.digests) - 3} of {len(here.digests)}): plain: training, torch.add(x, y)" in str(here)
+    written = json.loads(json.dumps(report([here])))["levels"]["portable"]
+    assert written["digests"] == dict(here.digests)
+    assert written["differing"] == list(here.differing)
 
 
 def test_levels_compute_with_kernels_of_their_own() -> None:
     """So one level's bits do not stand for the other's, and both are recorded for the same things."""
-    lesser, greater = map(recorded_bits, LEVELS)
+    lesser, greater = map(recorded, LEVELS)
     assert lesser.keys() == greater.keys()
     assert (lesser["kernels of ATen"], greater["kernels of ATen"]) == ("AVX2", "AVX512")
     trainings = [what for what in lesser if what.endswith(": training")]
@@ -252,13 +243,13 @@ def test_levels_compute_with_kernels_of_their_own() -> None:
 def test_caches_of_the_cpu_decide_nothing(numerics: Numerics, other: str) -> None:
     """On a CPU with other caches the convolutions have the recorded bits, which they do not have by themselves."""
     able(numerics)
-    recorded = {what: bits for what, bits in recorded_bits(numerics).items() if what.startswith("convolution")}
+    expected = {what: bits for what, bits in recorded(numerics).items() if what.startswith("convolution")}
 
     def convolved(job: str, variables: Mapping[str, str]) -> dict[str, str]:
         return {what: bits[:16] for what, bits in printed(job, numerics=numerics, variables=variables).items()}
 
-    assert convolved("portable_printing.elsewhere", {"OTHER": other}) == recorded
-    assert convolved("portable_trainings.convolutions", {VARIABLE: other}) != recorded
+    assert convolved("portable_printing.elsewhere", {"OTHER": other}) == expected
+    assert convolved("portable_printing.convolutions", {VARIABLE: other}) != expected
 
 
 @pytest.mark.slow
@@ -266,7 +257,7 @@ def test_caches_of_the_cpu_decide_nothing(numerics: Numerics, other: str) -> Non
 def test_another_cpu_with_avx512_gave_the_same_bits(numerics: Numerics) -> None:
     """An Intel Xeon computed these steps at both levels, as well as an AMD EPYC."""
     able(numerics)
-    assert [bits[:16] for bits in printed("portable_trainings.steps", numerics=numerics).values()] == XEON[numerics]
+    assert [bits[:16] for bits in printed("portable_printing.steps", numerics=numerics).values()] == XEON[numerics]
 
 
 def test_caches_are_not_set_in_an_unknown_process() -> None:
@@ -315,5 +306,5 @@ def test_networks_are_twelve_that_the_policy_admits() -> None:
     """Beside the three baselines; what the gate refuses would prove nothing."""
     networks = list(candidates())
     assert len(networks) == 3 + 12
-    assert len(list(NETWORKS.iterdir())) == 12
+    assert len(list(SOURCES.iterdir())) == 12
     assert [rejection_of(source, task) for _, source, task in networks] == [None] * 15

@@ -222,7 +222,7 @@ def test_refusal_of_a_temperature_is_of_one_choice_of_model(tmp_path: Path, othe
     check_temperature(arm, compose([*chosen, other]))
 
 
-def test_layout_of_images_follows_the_rules_of_a_training(tmp_path: Path) -> None:
+def test_layout_and_functions_follow_the_rules_of_a_training(tmp_path: Path) -> None:
     """Those of a search, and those of a study, whose numbers stand for numbers of training."""
     save_arrays(tmp_path / "recording", labels=np.arange(36.0).reshape(12, 3))
     settings = [f"data.root={tmp_path / 'recording.npz'}", f"store.root={tmp_path / 'cache'}", "data.image_size=16"]
@@ -230,12 +230,12 @@ def test_layout_of_images_follows_the_rules_of_a_training(tmp_path: Path) -> Non
     data, sent = load_data(config, Progress()), []
 
     def run(entry: str, header: Any, payload: bytes, *_: object) -> Died:
-        sent.append(header.get("contiguous", False))
+        sent.append((header.get("contiguous", False), header.get("mkl_functions", False)))
         return Died(Reason.crashed, "a fake")
 
     with Workbench(config, load_task(config, data.facts), data.facts, Mode.record, data=data, run=run) as bench:
         for rules, training in TRAININGS_OF_STUDIES.items():
             bench.studies(rules, data.scale).retrain("source", 1)
             bench.weigh("source", 1, 1, training)
-    assert sent == [True] * 4 + [False] * 6
+    assert sent == [(True, True)] * 4 + [(False, True)] * 6 + [(False, False)] * 2
     assert STUDY in TRAININGS_OF_STUDIES

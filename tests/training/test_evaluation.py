@@ -277,16 +277,15 @@ def test_validation_labels_never_leave_the_parent(tmp_path: Path) -> None:
     assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation"}
 
 
-def test_device_and_older_layout_are_sent_beside_what_a_search_sends(tmp_path: Path) -> None:
-    """The layout is in no key, because the number of the rules, which the key has, says the same."""
+def test_device_and_what_older_trainings_had_are_sent_beside_what_a_search_sends(tmp_path: Path) -> None:
+    """The latter is in no key, because the number of the rules, which the key has, says the same."""
     recorder = Recorder(PERFECT)
-    new, old, gpu = (
-        evaluator(recorder.run, tmp_path, **change) for change in ({}, {"contiguous": True}, {"device": Device.cuda})
-    )
+    older = {"contiguous": True, "mkl_functions": True}
+    new, old, gpu = (evaluator(recorder.run, tmp_path, **change) for change in ({}, older, {"device": Device.cuda}))
     for one in (new, old, gpu):
         one.retrain(SOURCE, 0)
     (header, payload), *others = recorder.sent
-    assert others == [({**header, "contiguous": True}, payload), ({**header, "device": "cuda"}, payload)]
+    assert others == [({**header, **older}, payload), ({**header, "device": "cuda"}, payload)]
     assert old.key(SOURCE, 0) == new.key(SOURCE, 0)
 
 

@@ -273,6 +273,14 @@ def test_other_candidates_train_in_channels_last(capsys: pytest.CaptureFixture[s
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
 
 
+@pytest.mark.parametrize("root", ["(y * y + 1).sqrt()", "(y * y + 1) ** 0.5", "y.atan()"])
+def test_functions_of_an_older_training_are_mkls(root: str) -> None:
+    """They have other bits; a network without them has the same, so that records of older rules can be compared."""
+    with_root = CONVOLUTION.replace("y.flatten(1)", f"({root}).flatten(1)")
+    assert sent_by(CONVOLUTION) == sent_by(CONVOLUTION, mkl_functions=True)
+    assert sent_by(with_root) != sent_by(with_root, mkl_functions=True)
+
+
 def test_classification_trains() -> None:
     """Classes are int64 targets of shape (n,)."""
     contract = replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy)

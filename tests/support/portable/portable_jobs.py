@@ -6,14 +6,14 @@ Each job prints a JSON list a line: what was computed, and the digest of the bit
 import json
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import fakes
 import numpy as np
 from hand_runs import of_lines
 from kept import forces, gratings
 from ledger_lines import header
-from portable_printing import digest, digest_of_json, show
-from portable_trainings import RECIPE, candidates, probed, targets, trained
+from portable_printing import digest_of_json, show
 from studies import FOUR, study_of
 from threadpoolctl import threadpool_info
 
@@ -26,15 +26,30 @@ from analysis.tables.rendering import as_csv
 from tacevo.choices import LightScene, SensorTask
 from tacevo.config.compose import compose
 from tacevo.data.simulator.tasks import Simulated, draw
+from tacevo.errors import StoreError
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import find_centroids
 from tacevo.evolution.descriptors import describe
-from tacevo.records import Rejection, to_json
+from tacevo.gate import probe
+from tacevo.profile import Profile
+from tacevo.records import Contract, Rejection, to_json
+from tacevo.reproduce.bits.networks import RECIPE, candidates, targets, trained
+from tacevo.reproduce.bits.operations import digest
 from tacevo.results.summary import summarise
 from tacevo.runs.search_files import archive_files
-from tacevo.sandbox.client import Finished
+from tacevo.sandbox.client import Finished, Frame
 from tacevo.storage.ledger import Ledger
 from tacevo.training.answers import judge
+from tacevo.typed import convert
+
+
+def probed(source: str, task: Contract) -> Profile:
+    """Probe a network."""
+    frames: list[Any] = []
+    limits = {"parameters": 50_000_000, "flops": 10**10, "modules": 2_000}
+    header = {"source": source, "contract": to_json(task), "limits": limits}
+    probe.run(header, b"", {}, lambda frame, _: frames.append(frame))
+    return convert(Profile, frames[0]["profile"], place="frame", error=StoreError)
 
 
 def surroundings() -> None:
@@ -46,10 +61,10 @@ def surroundings() -> None:
 
 
 def networks() -> None:
-    """Probe and train the three baselines and the networks of `tests/portable`; then compute what else a run holds."""
+    """Probe and train the three baselines and the networks of the package; then compute what else a run holds."""
     for name, source, task in candidates():
         profile = probed(source, task)
-        frames = trained(source, task)
+        frames = tuple(Frame(header, data) for header, data in trained(source, task))
         show(f"{name}: probe", digest_of_json(to_json(profile)))
         show(f"{name}: descriptors", digest_of_json(to_json(describe(profile))))
         show(f"{name}: training", digest([json.dumps(frame.header).encode() + frame.payload for frame in frames]))

@@ -1,9 +1,9 @@
 """How the jobs of `test_portable.py` tell what they computed: a JSON list a line, a name and the digest of its bits."""
 
 import hashlib
+import itertools
 import json
 import os
-from collections.abc import Sequence
 
 from tacevo.records import Json
 from tacevo.sandbox import caches
@@ -14,14 +14,9 @@ def show(what: str, digest: str) -> None:
     print(json.dumps([what, digest]), flush=True)
 
 
-def digest(parts: Sequence[bytes]) -> str:
-    """Hash bytes: 64 hex digits of SHA-256."""
-    return hashlib.sha256(b"".join(parts)).hexdigest()
-
-
 def digest_of_json(value: Json) -> str:
     """Hash plain JSON values."""
-    return digest([json.dumps(value).encode()])
+    return hashlib.sha256(json.dumps(value).encode()).hexdigest()
 
 
 def elsewhere() -> None:
@@ -29,6 +24,32 @@ def elsewhere() -> None:
     import torch  # noqa: F401  # before the numerics' own sizes are set, which importing the trainings does
 
     caches.pin([int(size) for size in os.environ["OTHER"].split(",")])
-    from portable_trainings import convolutions
-
     convolutions()
+
+
+def convolutions() -> None:
+    """Show the convolutions that depend on the sizes of the caches."""
+    from tacevo.reproduce.bits import networks
+
+    for what, bits in networks.convolutions():
+        show(what, bits)
+
+
+def steps() -> None:
+    """Show further steps, which were also computed on an Intel Xeon with AVX-512."""
+    from tacevo.reproduce.bits import networks
+
+    for what, bits in networks.steps({32: 63, 64: 27, 128: 11}):
+        show(what, bits)
+
+
+def operations() -> None:
+    """Show all expressions, but for the first `SKIP` of them."""
+    import torch
+
+    from tacevo.reproduce.bits.expressions import expressions
+    from tacevo.reproduce.bits.operations import computed
+
+    torch.set_deterministic_debug_mode("error")
+    for expression in itertools.islice(expressions(), int(os.environ.get("SKIP", "0")), None):
+        show(expression, computed(expression))

@@ -144,7 +144,10 @@ if __name__ == "__main__":
         import torch
 
         torch.set_num_threads(1)
+        from tacevo.sandbox.functions import portable_functions
+
         torch.set_deterministic_debug_mode("error")  # also fills memory that nothing was written to
-        json.dump(digests(), sys.stdout)
+        with portable_functions():  # as in a training
+            json.dump(digests(), sys.stdout)
     else:
         sys.exit(main())

@@ -1,10 +1,10 @@
-"""The operations that `test_portable.py` has computed in a process of its own, natively and under an emulated CPU.
+"""Computes the expressions, forward and backward, in a process that has the variables of portable numerics.
 
 It imports no SciPy and does not fork: either makes qemu 7.2 crash in oneDNN's LSTM.
 """
 
+import hashlib
 import math
-import os
 from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from operations import expressions
-from portable_printing import digest, show
 from torch import Tensor, nn
 
+from tacevo.gate.kernels import KernelWatcher
 from tacevo.randomness import stream
+from tacevo.sandbox.functions import portable_functions
 
 #: Shape of an element-wise operand.
 _MANY = (20, 1000)
 
 
-def operations() -> None:
-    """Compute the operations of `operations.py`, forward and backward, but for the first `SKIP` of them."""
-    torch.set_deterministic_debug_mode("error")
-    for expression in list(expressions())[int(os.environ.get("SKIP", "0")) :]:
-        show(expression, computed(expression))
+def not_portable(expression: str) -> tuple[str, ...]:
+    """Return the kernels of an expression whose bits may depend on the CPU, as the probe would flag them."""
+    with KernelWatcher() as watcher:
+        computed(expression)
+    return tuple(sorted(watcher.not_portable))
 
 
 def computed(expression: str) -> str:
@@ -39,13 +39,19 @@ def computed(expression: str) -> str:
     inputs = operands()
     names = {"torch": torch, "nn": nn, "F": nn.functional, "math": math, **inputs}
     try:
-        outputs = list(_tensors(eval(expression, names)))
-        gradients = _gradients([output for output in outputs if output.requires_grad])
+        with portable_functions():
+            outputs = list(_tensors(eval(expression, names)))
+            gradients = _gradients([output for output in outputs if output.requires_grad])
     except RuntimeError as error:
         if "deterministic" not in str(error):
             raise
         return "refused"
     return digest([_bits(tensor) for tensor in [*outputs, *gradients]])
+
+
+def digest(parts: Sequence[bytes]) -> str:
+    """Hash bytes: 64 hex digits of SHA-256."""
+    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
 def operands() -> dict[str, Tensor]:

@@ -1,7 +1,7 @@
 """Every operation that a candidate may call, as expressions to be computed on many values and on several CPUs.
 
-The operands of an expression are made by `operands`; names are those that a candidate's text sees. Torch's generator is
-seeded before each, so layers and random draws are the same every time.
+`tacevo.reproduce.bits.operations.operands` makes the operands; names are those that a candidate's text sees. Torch's
+generator is seeded before each, so layers and random draws are the same every time.
 """
 
 import re
@@ -27,6 +27,9 @@ _TRANSCENDENTAL = """
     acos acosh asin asinh atan atanh cos cosh digamma erf erfc erfinv exp expm1 lgamma log log10 log1p log2 rsqrt sin
     sinh sqrt tan tanh
 """
+
+#: Functions of `torch` that are MKL's where they write into another tensor.
+_INTO = {"acos": "L", "asin": "L", "atan": "X", "sqrt": "P"}
 
 #: Functions of `torch` of two operands of one shape.
 _BINARY = """
@@ -235,7 +238,8 @@ _LAYERS = """
     nn.init.calculate_gain('selu') * nn.init.constant_(torch.empty(9), 0.3);
     nn.init.ones_(torch.empty(9)) + nn.init.zeros_(torch.empty(9)); nn.init.dirac_(torch.empty(8, 8, 3, 3));
     nn.init.eye_(torch.empty(8, 8)); nn.init.sparse_(torch.empty(60, 80), 0.3);
-    nn.init.trunc_normal_(torch.empty(60, 80), std=0.02)
+    nn.init.trunc_normal_(torch.empty(60, 80), std=0.02); torch.pow(P.detach(), 0.5, out=torch.empty(0));
+    torch.tan(X.detach().double(), out=torch.empty(0).double()); nn.LPPool2d(2, 2)(i.double()); P.double() ** 0.5
 """
 
 _NOT_NUMERIC = """
@@ -262,6 +266,7 @@ def expressions() -> Iterator[str]:
         yield from (f"torch.{name}(({operand}).double())" for name in names.split() if name in _TRANSCENDENTAL.split())
     yield from (f"torch.{name}({'p' if name in ('pow', 'float_power') else 'x'}, y)" for name in _BINARY.split())
     yield from (f"torch.{name}(x, dim=1)" for name in _ALONG_AXIS.split())
+    yield from (f"torch.{name}({operand}.detach(), out=torch.empty(0))" for name, operand in _INTO.items())
     yield from (f"x * math.{name}(0.7)" for name in _MATH.split())
     yield from (call.replace("{}", name) for call, names in _CALLS.items() for name in names.split())
     yield from (call.strip() for text in (_FURTHER, _LAYERS) for call in text.split(";"))

@@ -1,31 +1,27 @@
-"""The trainings that are compared between CPUs: short ones of the baselines and of the networks in `tests/portable`."""
+"""The trainings that are compared between CPUs: short ones of the baselines and of the networks in `sources/`."""
 
 import json
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from checkout import LIBRARY, ROOT
-from gate_cases import contract
 from numpy.typing import NDArray
-from portable_operations import operations
-from portable_printing import digest, show
 from torch import Tensor, nn
-from training_jobs import CONTRACT
 
-from tacevo.errors import StoreError
-from tacevo.gate import probe
-from tacevo.profile import Profile
+from tacevo.config.conf_folder import conf_root
 from tacevo.randomness import stream
-from tacevo.records import Contract, Limits, Loss, Recipe, to_json
-from tacevo.sandbox.client import Frame
+from tacevo.records import Contract, Json, Kind, Limits, Loss, Recipe, to_json
+from tacevo.reproduce.bits.operations import digest
 from tacevo.training import trainer
-from tacevo.typed import convert
 
-NETWORKS = ROOT / "tests" / "portable"
+#: What was computed, and 64 hex digits of SHA-256 of its bits.
+Digests = Iterator[tuple[str, str]]
+
+#: Texts of networks that use every form of layer that language models and the grammar wrote.
+SOURCES = Path(__file__).parent / "sources"
 
 RECIPE = Recipe(
     epochs=1, batch_size=8, learning_rate=1e-3, optimiser="adam", limits=Limits(seconds=60, memory_mib=1_000)
@@ -45,58 +41,57 @@ SPLIT = (
 )
 
 
-def bits() -> None:
-    """Show what `tests/golden/bits.json` holds: trainings, convolutions, steps at larger sizes, and every operation."""
-    show("kernels of ATen", torch.backends.cpu.get_cpu_capability())
+def convolutions() -> Digests:
+    """Compute the convolutions that depend on the sizes of the caches, and their gradients."""
+    for shape in SPLIT:
+        yield f"convolution {shape}", _convolved(shape)
+
+
+def steps(counts: Mapping[int, int]) -> Digests:
+    """Take so many steps, by the size of the images in pixels, with a network like the baselines."""
+    for size, count in counts.items():
+        yield f"{size} px, {count} steps", _stepped(size, count)
+
+
+def trainings() -> Digests:
+    """Train each candidate for a moment."""
     for name, source, task in candidates():
         frames = trained(source, task)
-        show(f"{name}: training", digest([json.dumps(frame.header).encode() + frame.payload for frame in frames]))
-    convolutions()
-    for size, steps in ((64, 1), (128, 1)):
-        show(f"{size} px, {steps} steps", _stepped(size, steps))
-    operations()
-
-
-def convolutions() -> None:
-    """Show the bits of the convolutions that depend on the sizes of the caches."""
-    for shape in SPLIT:
-        show(f"convolution {shape}", _convolved(shape))
-
-
-def steps() -> None:
-    """Show the bits of further steps, which were also computed on an Intel Xeon with AVX-512."""
-    for size, count in ((32, 63), (64, 27), (128, 11)):
-        show(f"{size} px, {count} steps", _stepped(size, count))
+        yield f"{name}: training", digest([json.dumps(header).encode() + payload for header, payload in frames])
 
 
 def candidates() -> Iterator[tuple[str, str, Contract]]:
     """Return what is trained: name, source and contract."""
-    for task in ("force", "grating", "hardness"):
-        source = (LIBRARY / task / "baseline.py").read_text(encoding="utf-8")
-        yield f"baseline of {task}", source, _contract(source, "grating" if task == "grating" else "force")
-    for path in sorted(NETWORKS.glob("*.py.txt")):
-        yield path.name.partition(".")[0], path.read_text(encoding="utf-8"), replace(CONTRACT, image_size=32, outputs=3)
+    for task, loss, outputs in (
+        ("force", Loss.mse, 3),
+        ("grating", Loss.cross_entropy, 7),
+        ("hardness", Loss.mse, 3),
+    ):
+        source = (conf_root() / "library" / task / "baseline.py").read_text(encoding="utf-8")
+        yield f"baseline of {task}", source, _contract(source, loss, outputs)
+    for path in sorted(SOURCES.glob("*.py.txt")):
+        source = path.read_text(encoding="utf-8")
+        yield path.name.partition(".")[0], source, _contract(source, Loss.mse, 3)
 
 
-def _contract(source: str, kind: str) -> Contract:
-    """Return a baseline's contract, with its own class name."""
-    (name,) = re.findall(r"^class (\w+)", source, re.MULTILINE)
-    (argument,) = re.findall(r"in_channels=3, (\w+)=", source)
-    return replace(contract(kind), class_name=name, output_argument=argument)
+def _contract(source: str, loss: Loss, outputs: int) -> Contract:
+    """Return the contract of a network of 32 pixels, by the names in its text."""
+    (name,) = re.findall(r"^class (\w+)\(nn.Module\)", source, re.MULTILINE)[-1:]
+    (argument,) = re.findall(r"in_channels=3, (\w+)=", source)[-1:]
+    return Contract(
+        class_name=name,
+        kind=Kind.regression if loss is Loss.mse else Kind.classification,
+        loss=loss,
+        in_channels=3,
+        image_size=32,
+        outputs=outputs,
+        output_argument=argument,
+    )
 
 
-def probed(source: str, task: Contract) -> Profile:
-    """Probe a network."""
-    frames: list[Any] = []
-    limits = {"parameters": 50_000_000, "flops": 10**10, "modules": 2_000}
-    header = {"source": source, "contract": to_json(task), "limits": limits}
-    probe.run(header, b"", {}, lambda frame, _: frames.append(frame))
-    return convert(Profile, frames[0]["profile"], place="frame", error=StoreError)
-
-
-def trained(source: str, task: Contract) -> tuple[Frame, ...]:
+def trained(source: str, task: Contract) -> list[tuple[Json, bytes]]:
     """Train for one epoch of two steps at 32 pixels."""
-    frames: list[Frame] = []
+    frames: list[tuple[Json, bytes]] = []
     images = stream(0, "images").integers(0, 256, (24, 3, 32, 32), dtype=np.uint8)
     rows = np.arange(24)
     header = {
@@ -104,8 +99,8 @@ def trained(source: str, task: Contract) -> tuple[Frame, ...]:
         **{"mean": [127.5] * 3, "deviation": [74.0] * 3, "train": 16, "validation": 8},
     }
     payload = rows.tobytes() + targets(task)[:16].tobytes()
-    trainer.run(header, payload, {"images": images}, lambda head, data: frames.append(Frame(head, data)))
-    return tuple(frames)
+    trainer.run(header, payload, {"images": images}, lambda head, data: frames.append((head, data)))
+    return frames
 
 
 def targets(task: Contract) -> NDArray[Any]:
