@@ -148,12 +148,15 @@ def test_check_says_what_was_changed_and_knows_the_baseline(place: Path, capsys:
 
 
 def test_doctor_names_a_directory_that_cannot_be_written(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It was removed while the shell stood in it; the other findings are there."""
+    """It was removed while the shell stood in it; the other findings are there, and the report, too."""
+    report = place.parent / "report.json"
     place.rmdir()
-    assert main(["doctor"]) == 1
+    assert main(["doctor", "--report", str(report)]) == 1
     told = capsys.readouterr().out
     assert "FAIL current directory: [Errno 2] No such file or directory" in told
     assert "ok   configs" in told
+    for level, compared in json.loads(report.read_text())["levels"].items():
+        assert f"  {level}: {compared['says']}\n" in told
 
 
 @pytest.mark.slow
