@@ -3,10 +3,10 @@
     python -m benchmarks.gpu
 
 For the baseline and four networks of the first published force run, at 256 px, in each precision: images/s of the
-trainer's own loop, in one process. Beside it the two limits that the device has for that network: its arithmetic, by
-the rate of a large matrix product, and its memory, by the rate of a large copy. And baselines an hour through the whole
-sandbox, with one, two and four on the GPU at once. Without CUDA it says so and measures nothing. benchmarks/README.md
-has what it said of an H200.
+trainer in one process, each step run eagerly, and one step captured and replayed in either layout. Beside it the two
+limits that the device has for that network: its arithmetic, by the rate of a large matrix product, and its memory, by
+the rate of a large copy. And baselines an hour through the whole sandbox, with one, two and four on the GPU at once.
+Without CUDA it says so and measures nothing. benchmarks/README.md has what it said of an H200.
 """
 
 import sys
@@ -22,7 +22,7 @@ from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from tacevo.bundles.open import opened
-from tacevo.choices import Precision
+from tacevo.choices import Layout, Precision
 from tacevo.config.compose import compose
 from tacevo.records import Contract, Gpu, written
 from tacevo.results.run import read_run
@@ -31,6 +31,7 @@ from tacevo.runs.pace import measure
 from tacevo.runs.wiring import recipe_of
 from tacevo.sandbox.candidate import build
 from tacevo.text import table
+from tacevo.training.captured import Capture, capture
 from tacevo.training.gpu import Resident, multiply_in
 from tacevo.training.trainer import run
 
@@ -123,11 +124,16 @@ def images_per_second(
     device: torch.device,
     precision: Precision,
     *,
+    layout: Layout = Layout.contiguous,
+    capture: Capture | None = None,
     steps: int = STEPS,
     batch: int = BATCH,
 ) -> float:
-    """Time the steps of the trainer's loop, images resident on the device, without its start and its predictions."""
-    gpu = Gpu(model="any", precision=precision, memory_mib=8192)
+    """Time the trainer's steps, images resident on the device, without its start and its predictions.
+
+    With `capture` one step is recorded and replayed, else each runs eagerly.
+    """
+    gpu = Gpu(model="any", precision=precision, memory_mib=8192, layout=layout, captured=capture is not None)
     multiply_in(precision)
     rng, size = np.random.default_rng(0), (2 * batch, contract.in_channels, contract.image_size, contract.image_size)
     images = Resident(rng.integers(0, 256, size, dtype=np.uint8), np.arange(2 * batch), device)
@@ -150,7 +156,8 @@ def images_per_second(
             "device": device.type,
         }
         ends: list[Any] = []
-        run(header, payload, {"images": images}, lambda head, _: ends.append(head))
+        arrays = {"images": images, **({} if capture is None else {"capture": capture})}
+        run(header, payload, arrays, lambda head, _: ends.append(head))
         if "rejection" in ends[-1]:
             raise RuntimeError(f"expected a training; got {ends[-1]['rejection']}")
 
@@ -170,16 +177,24 @@ def one_process(
 ) -> str:
     """Measure each network, by name and source, in each precision; return a table."""
     _, task = task_without_data("force", size)
+    how: dict[str, dict[str, Any]] = {"eager": {}}
+    if device.type == "cuda":
+        how |= {f"captured, {layout}": {"layout": layout, "capture": capture} for layout in Layout}
     rows = []
     for precision in Precision:
         can = limits(device, precision, side=side)
         for name, source in sources.items():
             work = work_of(source, task.contract)
             bound, what = work.bound(can)
-            rate = images_per_second(source, task.contract, device, precision, steps=steps, batch=batch)
-            shares = [f"{bound:,.0f}", what, f"{rate / bound:.0%}"]
-            rows.append([name, precision.value, f"{work.flops / 1e9:.2f}", f"{rate:,.0f}", *shares])
-    return table(["network", "precision", "GFLOP/image", "images/s", "limit", "set by", "reached"], rows)
+            rates = [
+                images_per_second(source, task.contract, device, precision, steps=steps, batch=batch, **changes)
+                for changes in how.values()
+            ]
+            reached = [f"{bound:,.0f}", what, f"{max(rates) / bound:.0%}"]
+            rows.append(
+                [name, precision.value, f"{work.flops / 1e9:.2f}", *(f"{rate:,.0f}" for rate in rates), *reached]
+            )
+    return table(["network", "precision", "GFLOP/image", *how, "limit", "set by", "reached"], rows)
 
 
 def whole_sandbox(overrides: Sequence[str], *, at_once: Sequence[int] = (1, 2, 4)) -> str:

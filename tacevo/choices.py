@@ -204,6 +204,15 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
+class Layout(StrEnum):
+    """How images and weights lie in a GPU's memory."""
+
+    #: Channel after channel, as torch has them by default.
+    contiguous = "contiguous"
+    #: All channels of a pixel beside each other.
+    channels_last = "channels_last"
+
+
 class Precision(StrEnum):
     """How a GPU multiplies: in float32; in TF32, which cuts inputs to 10 bits of mantissa; or by autocast to bf16."""
 

@@ -14,7 +14,7 @@ from enum import StrEnum
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar, overload
 
-from tacevo.choices import Precision
+from tacevo.choices import Layout, Precision
 
 T = TypeVar("T")
 
@@ -348,11 +348,15 @@ class Gpu(Record):
     precision: Precision
     #: Most memory of the GPU that a training may have, with its images, in MiB.
     memory_mib: int
+    layout: Layout = Layout.contiguous
+    #: Whether a step is recorded once and replayed, where the network allows it; never before number 5 of the rules.
+    captured: bool = False
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:
-        """Read what `to_json` wrote."""
-        return cls(**{**value, "precision": Precision(value["precision"])})
+        """Read what `to_json` or `written` wrote."""
+        precision, layout = Precision(value["precision"]), Layout(value.get("layout", Layout.contiguous))
+        return cls(**{**value, "precision": precision, "layout": layout})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -390,6 +394,8 @@ class Training(Record):
     #: Operations that ran although torch has no deterministic form of them on the device, in order, as the child
     #: reported them; on a CPU such a candidate is rejected instead.
     not_deterministic: tuple[str, ...] = ()
+    #: Whether its steps were recorded once and replayed, where that was asked for; None elsewhere.
+    captured: bool | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

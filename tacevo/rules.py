@@ -55,6 +55,9 @@ CONTIGUOUS = frozenset({1, 2})
 #: Those of them whose square roots and inverse trigonometric functions are MKL's, whose bits follow the CPU.
 MKL_FUNCTIONS = frozenset({1, 2, 3, 4})
 
+#: Those of them that ran every step eagerly on a GPU, too.
+EAGER = frozenset({1, 2, 3, 4})
+
 #: The last release that has what this code has dropped, by part and number.
 LAST_RELEASES: Mapping[tuple[str, int], str] = {}
 

@@ -82,7 +82,7 @@ def check_device(config: RunConfig) -> None:
 def _check_gpu(config: RunConfig) -> None:
     training, walls, numerics = config.training, config.sandbox.require, config.numerics.kind
     if training.device is Device.cpu:
-        for name in ("gpu", "precision", "gpu_memory_mib"):
+        for name in ("gpu", "precision", "gpu_memory_mib", "layout", "captured"):
             value, default = getattr(training, name), getattr(TrainingConfig, name)
             expected = f"{json.dumps(to_json(default))} with training.device=cpu"
             _check_that(value == default, f"training.{name}", expected, value)

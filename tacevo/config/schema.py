@@ -25,6 +25,7 @@ from tacevo.choices import (
     ExecutorKind,
     FitnessRule,
     GratingClasses,
+    Layout,
     LightScene,
     Normalisation,
     Numerics,
@@ -315,6 +316,9 @@ class TrainingConfig(Record):
     gpu: Text | None = None
     precision: Precision = Precision.float32  #: with `device=cuda`: of its multiplications
     gpu_memory_mib: Memory = 8192  #: with `device=cuda`: that one training may use
+    layout: Layout = Layout.contiguous  #: with `device=cuda`: how images and weights lie in its memory
+    #: With `device=cuda`: whether the step of a training is recorded once and replayed, where the network allows it.
+    captured: bool = True
     fitness: FitnessRule = FitnessRule.last  #: what a training's fitness is of its validation losses
     #: Trainings of each candidate; its fitness is the median of theirs.
     seeds: Annotated[OneToMillion, is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1

@@ -30,6 +30,7 @@ USED: Mapping[DataSource, frozenset[str]] = {
 DEVICE = (
     *("numerics", "numerics.kind", "sandbox.require"),
     *("training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"),
+    *("training.layout", "training.captured"),
 )
 
 

@@ -55,6 +55,8 @@ class SeedLine(Record):
     predictions: str
     weights: str
     not_deterministic: tuple[str, ...] = ()
+    #: On a GPU: whether its steps were recorded once and replayed.
+    captured: bool | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,6 +83,8 @@ class TrainedLine(Record):
     predictions: str | None = None
     weights: str | None = None
     not_deterministic: tuple[str, ...] = ()
+    #: On a GPU: whether its steps were recorded once and replayed.
+    captured: bool | None = None
     #: The number of the training seed, from 0, that evaluation, fitness, losses and digests are of: of several seeds
     #: the one with the median loss, or the first that failed.
     seed: int = 0
@@ -238,6 +242,7 @@ def of_training(training: Training) -> dict[str, Any]:
         "predictions": training.predictions_sha256,
         "weights": training.weights_sha256,
         "not_deterministic": training.not_deterministic,
+        "captured": training.captured,
     }
 
 

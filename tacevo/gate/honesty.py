@@ -6,31 +6,26 @@ the few of the probe. `tacevo.sandbox.candidate` finds what learns without being
 training.
 """
 
-import gc
-import sys
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from itertools import islice
-from types import FunctionType, ModuleType
-from typing import Any
+from types import FunctionType
 
 import torch
 from torch import Tensor, nn
-from torch.nn.modules.batchnorm import _BatchNorm
 from torch.nn.utils import parametrize
 
 from tacevo.records import Reason
 from tacevo.sandbox.attributes import MODULE_NAMES
-from tacevo.sandbox.guards import NAME, OF_TORCH, CandidateError, attributes_of_class, check_shared
+from tacevo.sandbox.guards import OF_TORCH, CandidateError, attributes_of_class, check_shared
 from tacevo.sandbox.module_parts import attributes, bits, equal, modules, parameters, state, switch
+from tacevo.sandbox.outside import tensors_outside
 
 # A metaclass may define its own `__mro__`.
 _CLASS_ORDER = vars(type)["__mro__"]
 #: Names that decide what a module answers; `object` has the last one.
 _NAMES = MODULE_NAMES | {"__getattribute__"}
-#: Where the classes of objects are from that are walked; a class of the candidate is from the module of its text.
-_WALKED = frozenset({NAME, "builtins", "collections", "functools", "itertools"})
 #: How many tensors outside the parameters are looked at.
 _MOST_TENSORS = 10_000
 #: Keeps what watches a candidate's kernels from being called for ours, which takes most of their time.
@@ -116,7 +111,8 @@ def state_outside(network: nn.Module) -> _State:
     such as the running statistics of a batch normalisation that saw a batch.
     """
     with unwatched():
-        return {id(tensor): (tensor, bits(tensor).clone()) for tensor in islice(_outside(network), _MOST_TENSORS)}
+        found = islice(tensors_outside(network), _MOST_TENSORS)
+        return {id(tensor): (tensor, bits(tensor).clone()) for tensor in found}
 
 
 def count_learnt(before: _State, after: _State) -> int:
@@ -137,44 +133,6 @@ def _values(kept: _State, without: Container[int]) -> Counter[tuple[torch.Size, 
     """Count tensors by shape, type and bits."""
     others = (pair for key, pair in kept.items() if key not in without)
     return Counter((tensor.shape, tensor.dtype, copy.numpy().tobytes()) for tensor, copy in others)
-
-
-def _outside(network: nn.Module) -> Iterator[Tensor]:
-    """Walk the tensors that a network or its text can reach, each once, except its parameters."""
-    seen = {*map(id, parameters(network))}
-    waiting: list[object] = [sys.modules[NAME].__dict__, network]
-    while waiting:
-        thing = waiting.pop()
-        if id(thing) in seen:
-            continue
-        seen.add(id(thing))
-        if type(thing) in (Tensor, nn.Parameter):
-            tensor: Any = thing
-            # What has a history was computed from the parameters, as the weight of a normalised layer is.
-            if tensor.layout is torch.strided and not tensor.is_meta and tensor.grad_fn is None:
-                yield tensor
-        else:
-            waiting += _held(thing)
-
-
-def _held(thing: object) -> Iterable[object]:
-    """Return what an object of the candidate's or of Python's holds; nothing of torch's and of modules."""
-    kind = type(thing)
-    if issubclass(kind, nn.Module):
-        own = attributes(thing)  # type: ignore[arg-type]
-        is_torchs = (kind in OF_TORCH or issubclass(kind, _BatchNorm)) and not _is_unused(own)
-        return [value for name, value in own.items() if not (is_torchs and name == "_buffers")]
-    if kind is FunctionType:  # its globals may be torch's; those of the text are walked anyway
-        function: Any = thing
-        return (function.__closure__, function.__defaults__, function.__kwdefaults__, function.__dict__)
-    is_walked = thing.__module__ == NAME if isinstance(thing, type) else kind.__module__ in _WALKED
-    return gc.get_referents(thing) if is_walked and kind is not ModuleType else ()
-
-
-def _is_unused(own: dict[str, Any]) -> bool:
-    """Return whether a normalisation counts its batches, and has seen none: what changes its buffers is another."""
-    seen = own["_buffers"].get("num_batches_tracked")
-    return type(seen) is Tensor and not seen.any()
 
 
 def copied_state(network: nn.Module) -> dict[str, tuple[torch.dtype, torch.Size, bytes]]:

@@ -94,7 +94,11 @@ def other_settings(own: DataConfig, other: DataConfig) -> tuple[tuple[str, Json]
 def other_device(own: RunConfig, other: RunConfig) -> tuple[tuple[str, Json], ...]:
     """Return (name, value) of the settings that decide the bits of a training, and differ from a run's."""
     before, after = to_json(own.training), to_json(other.training)
-    names = [name for name in ("device", "gpu", "precision", "gpu_memory_mib") if after[name] != before[name]]
+    names = [
+        name
+        for name in ("device", "gpu", "precision", "gpu_memory_mib", "layout", "captured")
+        if after[name] != before[name]
+    ]
     numerics = () if other.numerics == own.numerics else (("numerics", other.numerics.kind.value),)
     return (*numerics, *((f"training.{name}", after[name]) for name in names))
 

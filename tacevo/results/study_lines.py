@@ -139,6 +139,8 @@ class ScoreLine(Record):
     predictions: str
     weights: str
     not_deterministic: tuple[str, ...] = ()
+    #: On a GPU: whether its steps were recorded once and replayed.
+    captured: bool | None = None
     #: None of a noise run, and of studies under the rules before `tacevo.rules.KEPT_SINCE`.
     kept: Kept | None = None
     kind: Literal["score"] = "score"

@@ -33,7 +33,7 @@ def summarise(run: RecordedRun) -> str:
 
     The run may have been stopped anywhere; its elites are those of the last archive that was written.
     """
-    prose = [data_in_words(run), *_unpromised(run.candidates)]
+    prose = [data_in_words(run), *_unpromised(run.candidates), *_eager(run.candidates)]
     parts = [f"# {in_markdown(run.record.name)}", *_short(run, in_markdown), *map(in_markdown, prose)]
     return "\n\n".join([*parts, *([_progress(run.generations, run.config)] if run.generations else [])]) + "\n"
 
@@ -185,6 +185,16 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
         words: [f"{id} ({', '.join(used)})" for id, used in by_id.items() if used] for words, by_id in uses.items()
     }
     return [f"{words} (docs/determinism.md): {', '.join(names)}." for words, names in named.items() if names]
+
+
+def _eager(lines: Collection[CandidateLine]) -> list[str]:
+    """Name the candidates whose steps could not be recorded on a GPU, where that was asked for."""
+    trained = [(line.id, one.captured) for line in lines for one in line.by_seed() if one.captured is not None]
+    eager = dict.fromkeys(id for id, captured in trained if not captured)
+    if not trained:
+        return []
+    words = f"Trained step by step, since one step could not be recorded for all (docs/scale.md): {', '.join(eager)}."
+    return [words if eager else "The step of every training was recorded once and replayed (docs/scale.md)."]
 
 
 def _cost(run: RecordedRun) -> list[str]:

@@ -26,7 +26,7 @@ from tacevo.evolution.state import Budget, Plan
 from tacevo.gate.admission import DataImages, Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
-from tacevo.rules import CONTIGUOUS, CURRENT, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
+from tacevo.rules import CONTIGUOUS, CURRENT, EAGER, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import examples_of, held_out_of
 from tacevo.runs.looked_up import LookedUp, probes_of, table_of
 from tacevo.runs.providers import build_llm, provider_settings
@@ -377,15 +377,20 @@ class Workbench:
 
     def _setting(self, training: int) -> Setting:
         """Return the setting of trainings under the rules of that number."""
+        recipe = recipe_of(self.config)
         return Setting(
             contract=self.task.contract,
             fingerprint=self.facts.fingerprint,
-            recipe=recipe_of(self.config),
+            recipe=_eager(recipe) if training in EAGER else recipe,
             numerics=self.config.numerics.kind,
             device=self.config.training.device,
             contiguous=training in CONTIGUOUS,
             mkl_functions=training in MKL_FUNCTIONS,
         )
+
+
+def _eager(recipe: Recipe) -> Recipe:
+    return recipe if recipe.gpu is None else replace(recipe, gpu=replace(recipe.gpu, captured=False))
 
 
 def _order(config: RunConfig) -> Order:
@@ -420,6 +425,8 @@ def trained_by(config: RunConfig, recipe: Recipe, numerics: Numerics, device: De
         gpu=gpu.model if gpu else None,
         precision=gpu.precision if gpu else unset.precision,
         gpu_memory_mib=gpu.memory_mib if gpu else unset.gpu_memory_mib,
+        layout=gpu.layout if gpu else unset.layout,
+        captured=gpu.captured if gpu else unset.captured,
     )
     return replace(config, training=training, numerics=NumericsConfig(kind=numerics))
 
@@ -428,7 +435,13 @@ def recipe_of(config: RunConfig) -> Recipe:
     """Turn the training of a configuration into a recipe."""
     training, gpu = config.training, None
     if training.gpu is not None:
-        gpu = Gpu(model=training.gpu, precision=training.precision, memory_mib=training.gpu_memory_mib)
+        gpu = Gpu(
+            model=training.gpu,
+            precision=training.precision,
+            memory_mib=training.gpu_memory_mib,
+            layout=training.layout,
+            captured=training.captured,
+        )
     return Recipe(
         epochs=training.epochs,
         batch_size=training.batch_size,

@@ -53,9 +53,9 @@ _ADAM_STEP: Any = vars(torch.optim.Adam.step)["__wrapped__"]
 class Adam(torch.optim.Adam):
     """Adam, fused, with a step that needs no compiler to switch gradients off, and does not ask for a GPU."""
 
-    def __init__(self, parameters: Iterable[nn.Parameter], learning_rate: float) -> None:
+    def __init__(self, parameters: Iterable[nn.Parameter], learning_rate: float, *, is_captured: bool = False) -> None:
         # The other forms take their square root from a library whose last bit depends on the CPU.
-        super().__init__(parameters, learning_rate, fused=True)
+        super().__init__(parameters, learning_rate, fused=True, capturable=is_captured)
 
     @torch.no_grad()
     def step(self) -> None:  # type: ignore[override]

@@ -448,5 +448,6 @@ def _row(job: _Job, evaluation: str, verdict: _Verdict, rule: FitnessRule) -> Ro
         predictions=verdict.training.predictions_sha256,
         weights=verdict.training.weights_sha256,
         not_deterministic=verdict.training.not_deterministic,
+        captured=verdict.training.captured,
         kept=verdict.kept,
     )

@@ -44,6 +44,7 @@ class _End(Record):
 
     weights_sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")] = ""
     not_deterministic: Annotated[tuple[_Operation, ...], MaxLen(100)] = ()
+    captured: bool | None = None
     rejection: _Failure | None = None
 
 
@@ -88,6 +89,7 @@ def judge(
         predictions_sha256=hashlib.sha256(b"".join(values.tobytes() for values in predictions)).hexdigest(),
         weights_sha256=end.weights_sha256,
         not_deterministic=end.not_deterministic,
+        captured=end.captured,
     )
     return training, predictions
 
@@ -109,6 +111,8 @@ def _read(
     operations = end.not_deterministic
     if list(operations) != sorted(set(operations)) or (operations and device is Device.cpu):
         raise ValueError("expected distinct operations in the order of their names, and none on a CPU; got others")
+    if end.captured is not None and device is Device.cpu:
+        raise ValueError("expected no captured steps on a CPU; got some")
     if not end.weights_sha256 or len(progress) != epochs:
         raise ValueError(f"expected the predictions of {epochs} epochs and a digest; got those of {len(progress)}")
     reports = [frame.read(_Epoch) for frame in progress]

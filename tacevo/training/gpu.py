@@ -16,6 +16,7 @@ from tacevo.errors import SandboxError
 from tacevo.records import Gpu, Recipe
 from tacevo.sandbox.child import Arrays
 from tacevo.sandbox.protocol import Header
+from tacevo.training.captured import capture
 
 #: Memory that a process takes of a GPU beside its tensors, for context and kernels, in MiB: 767 on an H200, with
 #: torch 2.11.
@@ -36,7 +37,14 @@ class Resident:
 
     def __getitem__(self, rows: NDArray[np.int64]) -> torch.Tensor:
         """Return images, uint8 on the device, shape (len(rows), C, S, S)."""
-        places = torch.from_numpy(np.searchsorted(self._rows, rows)).to(self._device)
+        return self.take(self.places(rows))
+
+    def places(self, rows: NDArray[np.int64]) -> torch.Tensor:
+        """Return where images lie, int64 on the device, shape (len(rows),)."""
+        return torch.from_numpy(np.searchsorted(self._rows, rows)).to(self._device)
+
+    def take(self, places: torch.Tensor) -> torch.Tensor:
+        """Return the images at these places; nothing waits for the processor."""
         return self._images.index_select(0, places)
 
 
@@ -50,6 +58,9 @@ def equip(header: Header, payload: bytes, arrays: Arrays, *, cuda: Any = torch.c
         arrays: `images`, uint8 of shape (N, C, S, S).
         cuda: `torch.cuda`, or what stands for it in a test.
         device: where the images go.
+
+    Returns:
+        `images`, a `Resident`; and `capture`, where steps are to be recorded.
 
     Raises:
         SandboxError: it is not the GPU of the recipe, or its memory does not suffice for all who share it.
@@ -65,7 +76,8 @@ def equip(header: Header, payload: bytes, arrays: Arrays, *, cuda: Any = torch.c
     _limit_memory(recipe.gpu, cuda)
     multiply_in(recipe.gpu.precision)
     rows = np.frombuffer(payload, np.int64, header["train"] + header["validation"])
-    return {**arrays, "images": Resident(arrays["images"], rows, torch.device(device))}
+    images = Resident(arrays["images"], rows, torch.device(device))
+    return {**arrays, "images": images, **({"capture": capture} if recipe.gpu.captured else {})}
 
 
 def multiply_in(precision: Precision) -> None:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn.functional import cross_entropy, mse_loss
 
-from tacevo.choices import Precision
-from tacevo.randomness import stream
+from tacevo.choices import Layout, Precision
+from tacevo.randomness import derived_seed, stream
 from tacevo.records import Contract, Json, Loss, Reason, Recipe
 from tacevo.sandbox.candidate import (
     Adam,
@@ -36,11 +36,17 @@ from tacevo.sandbox.functions import portable_functions
 from tacevo.sandbox.guards import CandidateError, check_shared
 from tacevo.sandbox.module_parts import bits, equal, parameters, state, switch
 from tacevo.sandbox.protocol import Header
+from tacevo.training.captured import Capture, CapturedSteps, Step, repeats_itself
 from tacevo.training.determinism import noting_nondeterminism
 
 #: Of the largest output: two layouts sum in another order. No candidate of the published runs, and no recorded answer,
 #: differed by a tenth of it.
 _ROUNDING = 1e-4
+
+
+_LAYOUTS = {Layout.contiguous: torch.contiguous_format, Layout.channels_last: torch.channels_last}
+#: Of a batch in training: so many images are predicted at once where steps are captured. No gradient is kept then.
+_PREDICTED_AT_ONCE = 4
 
 
 class _Job(NamedTuple):
@@ -63,12 +69,17 @@ class _Job(NamedTuple):
     device: torch.device
     #: The epoch, from 1, whose weights are kept and sent; None where the parent says which are kept, and none are sent.
     sent_epoch: int | None
-    #: Of the images in memory.
+    #: Of the images in memory; on a GPU of the weights, too.
     layout: torch.memory_format = torch.contiguous_format
+    #: Records a step, where that is asked for.
+    capture: Capture | None = None
 
     def inputs(self, rows: NDArray[np.int64]) -> torch.Tensor:
         """Return the network's input for some images, float32 of shape (len(rows), C, S, S)."""
-        stored = torch.as_tensor(self.images[rows]).to(self.device)
+        return self.standardised(torch.as_tensor(self.images[rows]).to(self.device))
+
+    def standardised(self, stored: torch.Tensor) -> torch.Tensor:
+        """Return the network's input for stored images."""
         return standardise(stored, self.mean, self.deviation).to(memory_format=self.layout)
 
     @property
@@ -80,13 +91,14 @@ class _Job(NamedTuple):
 class _Learner:
     """An optimiser, and the parameters as its last step left them: nothing else may change them while a network trains.
 
-    On a GPU they are not compared: there each look would wait for the device.
+    On a GPU they are not compared: there each look would wait for the device. A recorded step changes nothing else.
     """
 
-    def __init__(self, listed: list[nn.Parameter], learning_rate: float, device: torch.device) -> None:
+    def __init__(self, listed: list[nn.Parameter], job: _Job) -> None:
         self.listed = listed
-        self.optimiser = Adam(listed, learning_rate)
-        self._watched = listed if device.type == "cpu" else []
+        is_captured = job.capture is not None and job.device.type != "cpu"
+        self.optimiser = Adam(listed, job.recipe.learning_rate, is_captured=is_captured)
+        self._watched = listed if job.device.type == "cpu" and job.capture is None else []
         self._kept = [bits(parameter).clone() for parameter in self._watched]
 
     def step(self) -> None:
@@ -100,6 +112,15 @@ class _Learner:
         self.optimiser.step()
         self.keep()
         self.optimiser.zero_grad()  # so that no forward pass finds a gradient to step by
+
+    def begin(self) -> None:
+        """Make the optimiser's memory as it is before a first step, which a recorded step must find."""
+        for parameter in self.listed:
+            parameter.grad = torch.zeros_like(parameter) if parameter.requires_grad else None
+        self.optimiser.step()  # by gradients of zero, which changes no weight
+        for memory in self.optimiser.state.values():
+            memory["step"].zero_()
+        self.optimiser.zero_grad()
 
     def check(self) -> None:
         """Compare the parameters' bits with those that the last step left.
@@ -134,7 +155,8 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
         send: for each epoch gets `{"epoch", "train_loss", "steps"}`, the last the number of optimiser steps so far,
             with the float32 predictions of the validation images, shape (n, K), row-major; with `last` then
             `{"tested": true}`, with those of all groups; then `{"weights_sha256"}`, of the last epoch, with the names
-            of operations without a deterministic form under `not_deterministic`, where any ran; or
+            of operations without a deterministic form under `not_deterministic`, where any ran, and with `captured`,
+            whether steps were recorded and replayed, where `arrays` have `capture`; or
             `{"rejection": {"reason", "detail"}}`. The weights of `sent_epoch` come last, as
             `tacevo.sandbox.candidate.send_weights` sends them.
     """
@@ -152,7 +174,7 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
 
 
 def _read(header: Header, payload: bytes, arrays: Arrays) -> _Job:
-    contract = Contract.from_json(header["contract"])
+    contract, recipe = Contract.from_json(header["contract"]), Recipe.from_json(header["recipe"])
     device = torch.device(header.get("device", "cpu"))
     count, split = header["train"], header["train"] + header["validation"]
     rows = np.frombuffer(payload, np.int64, split)
@@ -161,7 +183,7 @@ def _read(header: Header, payload: bytes, arrays: Arrays) -> _Job:
     return _Job(
         source=header["source"],
         contract=contract,
-        recipe=Recipe.from_json(header["recipe"]),
+        recipe=recipe,
         seed=header["seed"],
         images=arrays["images"],
         mean=torch.tensor(header["mean"], device=device)[:, None, None],
@@ -172,6 +194,8 @@ def _read(header: Header, payload: bytes, arrays: Arrays) -> _Job:
         device=device,
         sent_epoch=header.get("sent_epoch"),
         last=header.get("last", False),
+        layout=_LAYOUTS[recipe.gpu.layout] if recipe.gpu else torch.contiguous_format,
+        capture=arrays.get("capture"),
     )
 
 
@@ -201,13 +225,14 @@ def _in_fast_layout(job: _Job) -> tuple[_Job, object]:
 
 def _train(job: _Job, send: Send) -> nn.Module:
     """Train for all epochs; return the trained network."""
-    with blaming(Reason.construction_failed):
-        model = nn.Module.to(build(job.source, job.contract, job.seed), job.device)
-        learner = _Learner(parameters(model), job.recipe.learning_rate, job.device)
+    model, learner = _made(job)
     kept: dict[str, torch.Tensor] = {}
     with noting_nondeterminism(job.device) as noted:
+        captured = None if job.capture is None else _captured(job, model, learner, job.capture)
+        if job.capture is not None and captured is None:
+            model, learner = _made(job)  # as if nothing had been tried
         for epoch in range(job.recipe.epochs):
-            losses = _epoch(job, model, learner, epoch)
+            losses = _epoch(job, model, learner, epoch, captured)
             predictions = _predict(job, model, job.predicted[:1] if job.last else job.predicted)
             learner.check()
             # As torch itself counts them.
@@ -225,10 +250,55 @@ def _train(job: _Job, send: Send) -> nn.Module:
             learner.check()
             send({"tested": True}, predictions)
     with blaming(Reason.crashed):
-        send(trained | ({"not_deterministic": sorted(noted)} if noted else {}), b"")
+        how = {} if job.capture is None else {"captured": captured is not None}
+        send(trained | how | ({"not_deterministic": sorted(noted)} if noted else {}), b"")
         if job.sent_epoch is not None:
             send_weights(kept, send)
     return model
+
+
+def _made(job: _Job) -> tuple[nn.Module, _Learner]:
+    """Build the network that is trained, and what trains it."""
+    with blaming(Reason.construction_failed):
+        model = nn.Module.to(build(job.source, job.contract, job.seed), job.device)
+        if job.device.type != "cpu" and job.layout is torch.channels_last:
+            model = nn.Module.to(model, memory_format=job.layout)  # type: ignore[call-overload]
+        return model, _Learner(parameters(model), job)
+
+
+def _captured(job: _Job, model: nn.Module, learner: _Learner, capture: Capture) -> CapturedSteps | None:
+    """Record the step of a network that is to be trained; None where its steps are to run eagerly.
+
+    Whatever fails here, the training shows again, or does without.
+    """
+    first = batches(len(job.train), job.recipe.batch_size, job.seed, 0)
+    places = job.images.places(job.train)
+
+    def step_of(network: nn.Module, learner: _Learner) -> Step:
+        def step(positions: torch.Tensor) -> torch.Tensor:
+            inputs = job.standardised(job.images.take(places.index_select(0, positions)))
+            output = _forward(job, network, inputs)
+            loss = _loss(job, output, job.targets.index_select(0, positions))
+            check_leaves(output, learner.listed)
+            learner.optimiser.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            learner.optimiser.step()
+            return loss
+
+        return step
+
+    try:
+        other, others = _made(job)
+        switch(other, training=True)
+        if not repeats_itself(other, step_of(other, others), first[0], job.device):
+            return None
+        learner.begin()
+        switch(model, training=True)
+        captured = CapturedSteps.of(first, job.device, step_of(model, learner), capture)
+    except Exception:
+        return None
+    torch.manual_seed(derived_seed(job.seed, "captured"))  # a graph counts the numbers that it draws in its own way
+    return captured
 
 
 def _put_back(model: nn.Module, kept: dict[str, torch.Tensor]) -> None:
@@ -252,18 +322,21 @@ def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int
     return [order] if full == 0 else [order[i * size : (i + 1) * size] for i in range(full)]
 
 
-def _epoch(job: _Job, model: nn.Module, learner: _Learner, epoch: int) -> list[float]:
+def _epoch(job: _Job, model: nn.Module, learner: _Learner, epoch: int, captured: CapturedSteps | None) -> list[float]:
     """Train on every batch of one epoch; return their losses."""
     switch(model, training=True)
     order = batches(len(job.train), job.recipe.batch_size, job.seed, epoch)
+    if captured is not None:
+        check_shared(every=False)
+        return captured.epoch(order)
     return [_step(job, model, learner, positions) for positions in order]
 
 
 def _step(job: _Job, model: nn.Module, learner: _Learner, positions: NDArray[np.int64]) -> float:
     """Take one step on one batch; return its loss before the step."""
-    output = _forward(job, model, job.train[positions])
+    output = _forward(job, model, job.inputs(job.train[positions]))
     with blaming(Reason.backward_failed):
-        loss = (mse_loss if job.contract.loss is Loss.mse else cross_entropy)(output, job.targets[positions])
+        loss = _loss(job, output, job.targets[positions])
         value = float(loss.detach())
         if not math.isfinite(value):
             raise CandidateError(Reason.not_finite, f"expected a finite training loss; got {value}")
@@ -274,28 +347,33 @@ def _step(job: _Job, model: nn.Module, learner: _Learner, positions: NDArray[np.
     return value
 
 
-def _predict(job: _Job, model: nn.Module, groups: tuple[NDArray[np.int64], ...]) -> bytes:
-    """Predict the images of some groups, in batches of the training's size; return float32 of shape (n, K).
+def _loss(job: _Job, output: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+    return (mse_loss if job.contract.loss is Loss.mse else cross_entropy)(output, targets)
 
-    Each output is copied at once: it may be memory that the network writes to again.
+
+def _predict(job: _Job, model: nn.Module, groups: tuple[NDArray[np.int64], ...]) -> bytes:
+    """Predict the images of some groups; return float32 of shape (n, K).
+
+    Batches are of the training's size, or larger where steps are captured. Each output is copied at once: it may be
+    memory that the network writes to again.
     """
     switch(model, training=False)
-    size = job.recipe.batch_size
+    size = job.recipe.batch_size * (1 if job.capture is None else _PREDICTED_AT_ONCE)
     parts = (rows[i : i + size] for rows in groups for i in range(0, len(rows), size))
     with torch.no_grad():
-        predictions = torch.cat([_forward(job, model, rows).clone() for rows in parts])
+        predictions = torch.cat([_forward(job, model, job.inputs(rows)).clone() for rows in parts])
     return predictions.cpu().contiguous().numpy().tobytes()
 
 
-def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tensor:
-    """Run the network on some images and check its output: float32 of shape (len(rows), K)."""
+def _forward(job: _Job, model: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
+    """Run the network on some images, standardised, and check its output: float32 of shape (n, K)."""
     casting = torch.autocast(job.device.type, torch.bfloat16) if job.is_cast else nullcontext()
     with blaming(Reason.forward_failed), casting:
-        output: Any = model(job.inputs(rows))
+        output: Any = model(inputs)
     if job.is_cast and type(output) is torch.Tensor and output.dtype is torch.bfloat16:
         output = output.to(torch.float32)
     check_shared(every=False)  # in each pass: what a training calls must be torch's own
-    problem = fault(output, (len(rows), job.contract.outputs))
+    problem = fault(output, (len(inputs), job.contract.outputs))
     if problem is not None:
         raise CandidateError(Reason.bad_output, problem)
     checked: torch.Tensor = output

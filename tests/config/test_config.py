@@ -297,6 +297,7 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"proposals.population", "proposals.tournament"}  # which decide in a tournament only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
     listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}
+    listed |= {"training.layout", "training.captured"}
     listed |= {"executor.address", "executor.per_gpu"}  # which go with executor=ray and a GPU only
     groups = {key.partition(".")[0] for key in keys() if "." in key}
     assert {key for key in keys() if key not in groups and not key.startswith(("task.", "data."))} == listed

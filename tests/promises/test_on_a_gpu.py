@@ -36,6 +36,7 @@ def test_workers_change_no_byte_and_trainings_repeat(tmp_path: Path, precision: 
     one, three = (read_run(tmp_path / each / "run") for each in ("one", "three"))
     assert three.digest == one.digest
     assert not any(line.not_deterministic for line in one.trained)
+    assert any(line.captured for line in one.trained)
     tacevo("replay", tmp_path / "one" / "run", "--retrain")
 
 

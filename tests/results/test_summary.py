@@ -126,6 +126,15 @@ PECULIAR: list[tuple[RecordedRun, list[str]]] = [
             "g00s01 (adaptive_avg_pool2d_backward_cuda).",
         ],
     ),
+    (
+        run_of(
+            trained("g00s00", 0.5, captured=True),
+            trained("g00s01", 0.4, captured=False),
+            generation(0, trained=2, candidates=2, best=0.4, median=0.45),
+            elites=["g00s01"],
+        ),
+        ["Trained step by step, since one step could not be recorded for all (docs/scale.md): g00s01."],
+    ),
     # All stages together, by reason, and first answers only.
     (
         run_of(

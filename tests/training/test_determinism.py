@@ -12,7 +12,7 @@ from gpus import needs_gpu
 from refusals import refused
 from training_jobs import RECIPE, examples, header_of, payload_of, trained
 
-from tacevo.choices import Precision
+from tacevo.choices import Layout, Precision
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity
 from tacevo.errors import ConfigError
@@ -92,9 +92,10 @@ def test_device_enters_the_identity_only_where_it_is_set() -> None:
     gpu = compose(["training.device=cuda", "training.gpu=NVIDIA H200", "sandbox.require=none", "numerics=fast"])
     assert value_at(identity(gpu), ("training", "device")) == "cuda"
     assert value_at(identity(gpu), ("training", "gpu")) == "NVIDIA H200"
-    assert recipe_of(gpu).gpu == Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=8192)
+    assert recipe_of(gpu).gpu == Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=8192, captured=True)
     assert recipe_of(compose([])).gpu is None
     changes: list[dict[str, Any]] = [{"gpu": "X"}, {"precision": Precision.bf16}, {"gpu_memory_mib": 4096}]
+    changes += [{"layout": Layout.channels_last}, {"captured": False}]
     for change in changes:
         assert identity(replace(gpu, training=replace(gpu.training, **change))) != identity(gpu)
 
