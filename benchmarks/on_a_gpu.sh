@@ -34,7 +34,7 @@ gpu=(training.device=cuda "training.gpu=$model" numerics=fast sandbox.require=no
 small=(experiment=paper_force llm=grammar data.images=600 search.generations=3 search.candidates=18 search.initial=6
     training.precision=tf32 training.epochs=3 executor.workers=4 executor.per_gpu=4 "store.root=$work/cache")
 
-part tests 150 "$python" -m pytest -q -p no:cacheprovider -m gpu tests
+part tests 150 "$python" -m pytest -q -p no:cacheprovider -p no:benchmark -m gpu tests
 part bench 160 "$python" -m benchmarks.gpu
 part search 100 "$python" -m tacevo search "${small[@]}" "${gpu[@]}" "run.dir=$work/run"
 part retrain 60 "$python" -m tacevo replay "$work/run" --retrain 5

@@ -40,7 +40,6 @@ GROUPS = {
         "ablations": ("arguments", "compare the arms of a sweep: tables and figures"),
     },
     "tools": {
-        "rm": ("remove", "remove the directory of a run or a sweep that nothing else needs, after a question"),
         "init": ("init", "write a task of your own, copied from another one, to be edited"),
         "data": ("data", "look at a data set, or write a simulated one as files"),
         "check": ("inspect", "put raw answers of a model through the gate"),
@@ -53,14 +52,16 @@ COMMANDS = {name: described for group in GROUPS.values() for name, described in 
 
 #: What replaced commands of the last release.
 _REPLACED = {
+    "cache ls": "tacevo cache verify",
     "continue": "tacevo extend RUN search.generations=N",
     "paper": "tacevo report RUN... --latex",
+    "rm": "rm -r RUN",
     "sweep": "tacevo show SWEEP",
     "watch": "tacevo report RUN --follow",
 }
 
 #: The modules whose commands do not need our package `analysis`.
-WITHOUT_ANALYSIS = frozenset({"search", "init", "data", "cache", "remove"})
+WITHOUT_ANALYSIS = frozenset({"search", "init", "data", "cache"})
 
 _DESCRIPTION = "Architecture search for vision-based tactile sensors that can be replayed bit for bit."
 
@@ -71,7 +72,6 @@ examples:
   tacevo search -m experiment=demo ablation=none,fixed_temperature seed=0,1   a sweep of four
   tacevo replay runs/NAME                     run it again from its stores and compare
   tacevo replay runs/NAME --retrain 5         and train its best network and five others again, bit for bit
-  tacevo replay runs/NAME --diff runs/OTHER   where two runs part, and how far they agree
   tacevo publish runs/NAME -o NAME.zip        one file with which anybody can replay it
   tacevo extend NAME.zip search.generations=30   search on from its end
   tacevo noise runs/NAME                      what its fitnesses are worth: its elites under other training seeds
@@ -134,8 +134,8 @@ def _kept(interruption: BaseException | None) -> str:
 
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
     """Read the command line; overrides may stand after options too, where argparse itself accepts no more of them."""
-    command = next((word for word in arguments if not word.startswith("-")), None)
-    parser = _parser(command)
+    command, second = [*(word for word in arguments if not word.startswith("-")), None, None][:2]
+    parser = _parser(command, second)
     try:
         options, rest = parser.parse_known_args(arguments)
     except UnicodeDecodeError:
@@ -148,8 +148,8 @@ def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
     return options
 
 
-def _parser(command: str | None) -> Parser:
-    """Describe the command line: all commands in a line each, and the given one in full."""
+def _parser(command: str | None, second: str | None) -> Parser:
+    """Describe the command line: all commands in a line each, and the given one, by its first word, in full."""
     parser = Parser(
         prog="tacevo",
         description=f"{_DESCRIPTION}\n\n{_listed()}",
@@ -158,9 +158,10 @@ def _parser(command: str | None) -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
     parser.set_defaults(interrupted="the same command does what is left")  # which may be all
-    if command in _REPLACED:
-        remedy = f"use `{_REPLACED[command]}`"
-        raise ConfigError(command, place="tacevo", expected="a command of this release", remedy=remedy)
+    for gone in (command, f"{command} {second}"):
+        if gone in _REPLACED:
+            remedy = f"use `{_REPLACED[gone]}`"
+            raise ConfigError(gone, place="tacevo", expected="a command of this release", remedy=remedy)
     commands = parser.add_subparsers(
         required=True, metavar="COMMAND", help="one of those above; each has its own --help"
     )

@@ -233,8 +233,7 @@ def add_replay(parser: Parser) -> None:
     parser.description = (
         "Run a recorded search and its finished studies again, without model, training or data set, and compare every "
         "line; of a sweep, every search. With --retrain, also train the candidates again. A published run or sweep is "
-        "replayed from its own records, with every table. With --diff, run nothing again, and compare the run with "
-        "another one."
+        "replayed from its own records, with every table."
     )
     parser.add_argument(
         "run",
@@ -259,17 +258,16 @@ def add_replay(parser: Parser) -> None:
     parser.add_argument(
         "--draw", type=whole_number, metavar="SEED", help="draw the N as an earlier replay did, which told its seed"
     )
-    parser.add_argument(
-        "--diff", metavar="OTHER", type=named, help="compare with another run; the exit status is 1 if they differ"
-    )
+    parser.add_argument("--diff", help=argparse.SUPPRESS)  # for one release, to name what took its place
     parser.set_defaults(command=_later("reproduce", "replay", _check_replay))
 
 
 def _check_replay(options: argparse.Namespace) -> None:
     if options.draw is not None and not options.retrain:
         options.parser.error("--draw repeats the draw of --retrain N; give both")
-    if options.diff is not None and (options.retrain is not None or options.store is not None):
-        options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
+    if options.diff is not None:
+        there = f"{options.diff}/ledger.jsonl"
+        options.parser.error(f"--diff is gone: `diff {options.run}/ledger.jsonl {there}` shows where two runs part")
 
 
 def add_extend(parser: Parser) -> None:

@@ -8,15 +8,13 @@ from tacevo.reproduce.entry_files import import_file, write_entries
 from tacevo.reproduce.prune import unused
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import remove_leftovers
-from tacevo.storage.listing import list_entries, list_stores, verify
+from tacevo.storage.listing import list_entries, verify
 from tacevo.text import counted
 
 
 def add_cache(parser: Parser) -> None:
     """Describe the commands on the stores."""
     actions = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-
-    ls = actions.add_parser("ls", help="count entries by kind and model, with sizes, tokens and costs")
 
     verify = actions.add_parser("verify", help="check every entry; the exit status is 1 if one is damaged")
 
@@ -33,15 +31,10 @@ def add_cache(parser: Parser) -> None:
     prune.add_argument("runs", metavar="DIR", nargs="*", default=["."], help="directories of runs (default: this one)")
     prune.add_argument("-y", "--yes", action="store_true", help="ask nothing")
 
-    with_store = {ls: _ls, verify: _verify, import_: _import, prune: _prune}
+    with_store = {verify: _verify, import_: _import, prune: _prune}
     for action, command in with_store.items():
         action.add_argument("--store", default="cache", metavar="DIR", help="directory of the stores (default: cache)")
         action.set_defaults(command=command)
-
-
-def _ls(options: argparse.Namespace) -> int:
-    tell(list_stores(Path(options.store)))
-    return DONE
 
 
 def _verify(options: argparse.Namespace) -> int:

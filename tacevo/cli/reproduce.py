@@ -9,12 +9,10 @@ from pathlib import Path
 from tacevo.api.replaying import digest_of, extended, replay
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.verify import Rerun, Verified
-from tacevo.cli.common import DIFFERENT, DONE, existing_store, tell
+from tacevo.cli.common import DONE, existing_store, tell
 from tacevo.costs import in_words, total
-from tacevo.reproduce.compare import compare
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
-from tacevo.results.run import read_run
 from tacevo.results.space_table import is_table, read_table
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
@@ -25,10 +23,7 @@ _DRAWS = 10**9
 
 
 def run_replay(options: argparse.Namespace) -> int:
-    """Replay, or compare two runs."""
-    if options.diff is not None:
-        return _diff(options)
-
+    """Replay a run, a sweep, or the table of a space."""
     if is_table(Path(options.run)):
         return _replay_table(options)
     with Progress() as view:
@@ -105,16 +100,6 @@ def _told(origin: Opened, done: Verified) -> list[str]:
     if done.entries is not None:
         told += [f"all {done.entries} store entries were needed", f"bundle digest: {origin.digest}"]
     return told
-
-
-def _diff(options: argparse.Namespace) -> int:
-    """Compare two runs."""
-    one = opened(Path(options.run))
-    other = opened(Path(options.diff))
-    remedy = "name the directories of two runs, of a sweep those of two jobs (of a published one SWEEP.zip/JOB)"
-    is_equal, said = compare(*(read_run(each.one_run(remedy)) for each in (one, other)))
-    tell(said)
-    return DONE if is_equal else DIFFERENT
 
 
 def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress) -> str:

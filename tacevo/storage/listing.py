@@ -1,4 +1,4 @@
-"""`tacevo cache ls | verify | import`: what the stores hold, whether it is sound, and what comes in from elsewhere."""
+"""`tacevo cache verify | import | prune`: what stores hold, whether it is sound, and what comes in from elsewhere."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -36,30 +36,15 @@ def scan(root: Path, kinds: Sequence[str] = KINDS) -> Iterator[Stored]:
                 yield _inspect(root, kind, path)
 
 
-def list_stores(root: Path) -> str:
-    """Count the entries of the stores by kind and model, with sizes, tokens and costs.
-
-    Raises:
-        StoreError: the directory does not exist.
-    """
-    _check_folder(root)
-    return _counted(scan(root)) or f"no entries in {root}"
-
-
 def list_entries(root: Path, paths: Iterable[Path]) -> str:
-    """Count some entries of the stores, as `list_stores`."""
-    return _counted(_inspect(root, path.relative_to(root).parts[0], path) for path in paths)
-
-
-def _counted(files: Iterable[Stored]) -> str:
-    """Write the table of `list_stores`; nothing for no files."""
+    """Count some entries of the stores by kind and model, with sizes, tokens and costs."""
     groups: dict[tuple[str, str], list[tuple[int, Spending]]] = defaultdict(list)
-    for file in files:
+    for file in (_inspect(root, path.relative_to(root).parts[0], path) for path in paths):
         spent = spending_on([] if file.completion is None else [file.completion])
         groups[file.kind, "(damaged)" if file.problem else file.model].append((file.bytes, spent))
     header = ["kind", "model", "entries", "size", "input tokens", "output tokens", "cost"]
     rows = [_row(*key, group) for key, group in sorted(groups.items())]
-    return table(header, rows) if rows else ""
+    return table(header, rows)
 
 
 def verify(root: Path) -> tuple[list[str], int]:

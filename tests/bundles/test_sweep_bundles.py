@@ -95,10 +95,7 @@ def test_replay_tells_every_digest_and_the_sweeps(swept: Path, place: Path, caps
     digests = {job: str(RunDirectory(swept / "sweep" / job).read_run().digest) for job in OWN}
     for name in ("sweep", "sweep.zip"):
         of = str(swept / name)
-        for command, remedy in (
-            (["replay", of, "--diff", of], "name the directories of two runs"),
-            (["extend", of, "search.generations=9"], "name one of its jobs, SWEEP/JOB"),
-        ):
+        for command, remedy in ((["extend", of, "search.generations=9"], "name one of its jobs, SWEEP/JOB"),):
             assert main(command) == 2
             assert f"expected one run; got a sweep of 3; {remedy}" in capsys.readouterr().err
         assert main(["replay", of]) == 0
@@ -141,7 +138,6 @@ def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pyt
         (["show", published, "g00s00"], ["show", directory, "g00s00"]),
         (["replay", published], ["replay", directory, *store]),
         (["tables", published, "-o", "same"], ["tables", directory, "-o", "same", *store]),
-        (["replay", published, "--diff", directory], ["replay", directory, "--diff", published]),
     ):
         said = []
         for command in (one, other):

@@ -170,7 +170,7 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
         (["search", "-m", "seed=1,2"], "experiment: expected one of demo, "),
         (["search", "experiment=demo", "seed=0,1"], "expected one value: this runs once; got seed=0,1"),
         (["search", "experiment=demo", "seed=range(0,2)"], "`tacevo search -m ...` runs a sweep of all values"),
-        (["replay", ".", "--diff", ".", "--retrain", "1"], "it takes neither --retrain nor --store"),
+        (["replay", ".", "--diff", "other"], "diff ./ledger.jsonl other/ledger.jsonl"),
         (["report", ".", "--latex", "--follow"], "does not go with --latex"),
         (["tables"], "name a run or a sweep, or give --paper"),
         (["study", "sweep=.", "data.split_seed=1"], "no setting of data with sweep=: jobs are compared on their own"),
@@ -323,6 +323,8 @@ def test_directory_that_is_write_protected_is_refused(tmp_path: Path, monkeypatc
         (["sweep", "status", "all"], "`tacevo show SWEEP`"),
         (["watch", "run", "--open"], "`tacevo report RUN --follow`"),
         (["continue", "run", "search.generations=9"], "`tacevo extend RUN search.generations=N`"),
+        (["rm", "run"], "`rm -r RUN`"),
+        (["cache", "ls"], "`tacevo cache verify`"),
     ],
 )
 def test_command_of_the_last_release_names_what_took_its_place(

@@ -234,7 +234,7 @@ def test_ctrl_c_ends_an_export_and_leaves_nothing(tmp_path: Path) -> None:
         (["data", "check", "--bogus"], "tacevo data check", "unrecognized arguments: --bogus"),
         (["data", "simulate"], "tacevo data simulate", "the following arguments are required: SETTING"),
         (["data", "bogus"], "tacevo data", "expected one of check, show, simulate; got bogus"),
-        (["cache", "ls", "--bogus"], "tacevo cache ls", "unrecognized arguments: --bogus"),
+        (["cache", "verify", "--bogus"], "tacevo cache verify", "unrecognized arguments: --bogus"),
         (["--bogus", "doctor"], "tacevo doctor", "unrecognized arguments: --bogus"),
     ],
 )

@@ -51,7 +51,6 @@ STANDS_FOR = {
     r"\bRUN data=csv": "sweeps/tiny/none-seed0 data=csv",
     r"\bruns/NAME data=tacverse": "runs/tacverse data=tacverse",
     r"\bRUN RUN\b|\bruns/FORCE runs/GRATING": "runs/demo sweeps/tiny/none-seed0",
-    r"--diff OTHER": "--diff sweeps/tiny/none-seed0",
     r"(?<!run\.dir=)\bruns/(?!tacverse)[\w-]+|\bRUN\b(?!\.zip)": "runs/demo",
     r"(?<!--into )\bsweeps/(?!tiny)[\w-]+|\bSWEEP\b": "sweeps/tiny",
     r"(?<=runs/demo )g\d\ds\d\d": "g04s01",
@@ -162,7 +161,7 @@ def test_page_does_what_it_says(page: Path, presupposed: Path, tmp_path: Path, m
             answer = estimated(*arguments, folder=presupposed)
         else:
             before = "import io, sys; sys.stdin = io.StringIO('y')"  # what asks is answered
-            answer = tacevo(*arguments, cwd=folder, status="--diff" in arguments, before=before).stdout
+            answer = tacevo(*arguments, cwd=folder, before=before).stdout
         lines = [line.split() for line in answer.splitlines()]
         assert [line for line in shown if line.split() not in [["..."], *lines]] == [], answer
         printed += answer

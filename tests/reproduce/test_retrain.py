@@ -273,7 +273,6 @@ def test_draw_is_the_readers_own_and_is_told(folder: Path, capsys: pytest.Captur
         (["--retrain=two"], "expected an integer of at least 1"),
         (["--draw", "7"], "--draw repeats the draw of --retrain N"),
         (["--retrain", "--draw", "7"], "--draw repeats the draw of --retrain N"),
-        (["--diff", "run", "--draw", "7"], "--draw repeats the draw of --retrain N"),
     ],
 )
 def test_options_that_would_be_without_effect_are_refused(

@@ -8,7 +8,7 @@ import pytest
 
 from tacevo.cli.app import main
 from tacevo.records import ChatMessage, Completion, Delivery, Price, Request, to_json
-from tacevo.storage.listing import list_stores, verify
+from tacevo.storage.listing import list_entries, verify
 from tacevo.storage.store import Store
 
 HALF = Price(input_usd=1.0, output_usd=2.0, dated="2026-11-21", factor=0.5)
@@ -52,10 +52,13 @@ def entry(root: Path) -> Path:
 
 def rows(root: Path) -> list[list[str]]:
     """Read the table of what is stored, without its header."""
-    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in list_stores(root).splitlines()[2:]]
+    return [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in list_entries(root, sorted(root.rglob("*.json"))).splitlines()[2:]
+    ]
 
 
-def test_ls_counts_by_kind_and_model(root: Path, entry: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_entries_are_counted_by_kind_and_model(root: Path, entry: Path) -> None:
     """Entries, sizes, tokens and dollars, by hand; a model without a price has no cost, and damage counts apart."""
     claude, llama, probe = rows(root)
     assert claude == ["completions", "claude-x", "2", "0.00 MB", "2,000,000", "2,000,000", "3.00 USD"]
@@ -64,8 +67,6 @@ def test_ls_counts_by_kind_and_model(root: Path, entry: Path, capsys: pytest.Cap
     entry.write_text("{")
     assert rows(root)[0] == ["completions", "(damaged)", "1", "0.00 MB", "", "", ""]
     assert rows(root)[1][2] == "1"
-    assert main(["cache", "ls", "--store", str(root)]) == 0
-    assert capsys.readouterr().out == f"{list_stores(root)}\n"
 
 
 def test_sound_stores_are_verified(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -125,14 +126,8 @@ def test_completion_that_is_none_is_named(asked: Any, said: Any, root: Path) -> 
     assert rows(root)[0][1] == "(damaged)"
 
 
-@pytest.mark.parametrize("command", ["ls", "verify"])
-def test_missing_store_is_one_line(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_store_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A directory that is not there is the user's mistake, and is not made."""
-    assert main(["cache", command, "--store", str(tmp_path / "nowhere")]) == 2
+    assert main(["cache", "verify", "--store", str(tmp_path / "nowhere")]) == 2
     assert "expected the directory of stores; got a path that is not one; name it by --store" in capsys.readouterr().err
     assert not (tmp_path / "nowhere").exists()
-
-
-def test_empty_store_says_so(tmp_path: Path) -> None:
-    """Nothing is not a damage."""
-    assert list_stores(tmp_path) == f"no entries in {tmp_path}"
