@@ -13,6 +13,7 @@ from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Cell, Percent, PercentBetween, PValue, Table
 from analysis.tables.comparison import score_cell
 from analysis.tables.noise import BEATS, chance_note
+from tacevo.results.grouped import images_tested
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import StudyNetwork
 from tacevo.results.trivial import at_chance, trivial_score
@@ -68,7 +69,7 @@ def study_outcome(
     return Table(
         name="outcome",
         caption=f"{study.task}: {counted(study.seeds, 'training seed')}, "
-        f"{counted(study.recipe.epochs, 'epoch')}, tested on {counted(study.data.counts[2], 'image')}{other}"
+        f"{counted(study.recipe.epochs, 'epoch')}, tested on {images_tested(study.data, 'image')}{other}"
         + ("" if comparisons is None else "; verdicts against the baseline, p after Holm"),
         columns=tuple(names.get(column, column) for column in rows[0]),
         rows=tuple(tuple(row.values()) for row in rows),

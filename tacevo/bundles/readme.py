@@ -151,7 +151,7 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
     """Write the README from its template, `readme.template.md`."""
     run, is_sweep = subject.first, bool(subject.jobs)
     record, config = run.record, run.config
-    train, validation, test = record.data.counts
+    (train, validation, test), units = record.data.counts, record.data.units
     template = Template((Path(__file__).parent / "readme.template.md").read_text(encoding="utf-8"))
     versions, machine = (
         {name: in_markdown(str(value)) for name, value in of.items()} for of in (record.versions, record.machine)
@@ -168,6 +168,7 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
         "train": train,
         "validation": validation,
         "test": test,
+        "of_groups": f" The test images are of {counted(units, 'group')}." if units < test else "",
         "image_size": record.data.image_size,
         "source": _origin(run, subject.folder),
         "of_which": " (the first run; the others say theirs)" if is_sweep else "",

@@ -90,6 +90,18 @@ def _lacking(name: str, config: RunConfig) -> list[str]:
     return [words for words, holds in _NEEDS.get(name, ()) if not holds(config)]
 
 
+def are_grouped(data: Mapping[str, Json], task: str) -> bool | None:
+    """Answer whether images of some settings of `data` come in groups; None where a file says so, and no setting."""
+    match data["source"]:
+        case DataSource.numpy | DataSource.table:
+            return None
+        case DataSource.tacverse if task == RecordedTask.grating:
+            return True
+        case source:
+            names = USED[DataSource(str(source))] & {"group_column", "group_pattern"}
+            return any(data.get(name) is not None for name in names)
+
+
 def unused(config: RunConfig) -> frozenset[str]:
     """Return the settings of `data` without effect in a configuration, by their names there."""
     used = {name for name in USED[config.data.source] if not _lacking(name, config)}

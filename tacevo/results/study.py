@@ -47,6 +47,9 @@ class RecordedStudy(Design):
     scores: tuple[ScoreLine, ...]
     #: The accuracy that no network can expect to exceed on these data; None where it is not known.
     ceiling: float | None = None
+    #: Whether its images come in groups by the settings of its run, and it does not say in which, being of an earlier
+    #: release.
+    lacks_groups: bool = False
 
     @property
     def kind(self) -> Kind:
@@ -57,6 +60,11 @@ class RecordedStudy(Design):
     def names(self) -> tuple[str, ...]:
         """The names of the regressed values or classes."""
         return self.data.names
+
+    @property
+    def is_grouped(self) -> bool:
+        """Whether test images share groups, which then count once each."""
+        return self.data.units < self.data.counts[2]
 
     @property
     def fingerprint(self) -> str:

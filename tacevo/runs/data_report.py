@@ -73,6 +73,8 @@ class Inspection:
     constant: tuple[Image, ...]
     #: How many images were recorded together, of each group; None where no groups are known.
     groups: tuple[int, ...] | None
+    #: How many of them have images in the test part.
+    test_groups: int | None
     #: The setting that names them, if one does.
     groups_chosen_by: str | None
     #: Images that are nearly equal to one of an earlier part, each with that one.
@@ -143,7 +145,7 @@ def _groups(data: Inspection) -> str:
     each = counted(most, "image") if least == most else f"{least} to {most} images"
     kept = "no two images share one" if most == 1 else "none in two parts"
     chosen_by = "" if data.groups_chosen_by is None else f" ({data.groups_chosen_by})"
-    return f"{len(data.groups)} of {each}, {kept}{chosen_by}"
+    return f"{len(data.groups)} of {each}, {kept}{chosen_by}; {data.test_groups} for the test"
 
 
 def _equal_lines(data: Inspection) -> Iterator[str]:

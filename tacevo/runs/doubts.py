@@ -10,9 +10,11 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.exposure import doubtful_images
 from tacevo.data.listing import doubtful_files
 from tacevo.data.source import Catalogue, listed
-from tacevo.records import Kind, Task
+from tacevo.records import DataFacts, Kind, Task
+from tacevo.results.grouped import FEWEST
 from tacevo.runs.datasets import source_of
 from tacevo.runs.looked_up import table_of
+from tacevo.text import counted
 
 #: The heading below which a task's system prompt says what the images show.
 _HEADING = "## The task\n"
@@ -33,6 +35,7 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
             f"task={config.task.name} is for {outputs}, and the data set has {listed(names)}; the prompt tells the "
             f'model: "{told(task)}" (`tacevo init NAME --like {config.task.name}` begins a task of your own)'
         )
+    doubts += _few_groups(dataset.facts)
     if config.data.source is DataSource.table:
         table = table_of(config)
         doubts += [f"{table.path} is made up: no network was trained for it"] if table.header.made_up else []
@@ -41,6 +44,16 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
         doubts += doubtful_files(listed_now, Path(config.data.root or ""))
         doubts += doubtful_images(listed_now, dataset)
     return doubts
+
+
+def _few_groups(facts: DataFacts) -> list[str]:
+    """Doubt a test part of which so few groups count that no test over them can show anything."""
+    if facts.units >= min(FEWEST, facts.counts[2]):
+        return []
+    return [
+        f"the {counted(facts.counts[2], 'test image')} are of {counted(facts.units, 'group')}, each of which counts once: "
+        f"a test over them shows something from {FEWEST} on (record more, or raise data.test_part)"
+    ]
 
 
 def told(task: Task) -> str:
