@@ -50,9 +50,10 @@ def _few_groups(facts: DataFacts) -> list[str]:
     """Doubt a test part of which so few groups count that no test over them can show anything."""
     if facts.units >= min(FEWEST, facts.counts[2]):
         return []
+    images, groups = counted(facts.counts[2], "test image"), counted(facts.units, "group")
     return [
-        f"the {counted(facts.counts[2], 'test image')} are of {counted(facts.units, 'group')}, each of which counts once: "
-        f"a test over them shows something from {FEWEST} on (record more, or raise data.test_part)"
+        f"the {images} are of {groups}, each of which counts once: a test over them shows something from {FEWEST} on; "
+        "record more, or hold out more of them"
     ]
 
 
