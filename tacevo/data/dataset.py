@@ -136,7 +136,9 @@ def read(directory: Path) -> Dataset:
     kept = parse(_Facts, text, place=str(directory / FACTS), error=DataError, remedy=remedy)
     statistics = {name: getattr(kept, name) for name in STATISTICS}
     try:
+        if groups.dtype != np.int64 or groups.ndim != 1:
+            raise ValueError("a row of integers")
         facts = replace(kept.facts, groups=tuple(groups.tolist()))
-    except (TypeError, ValueError) as error:
+    except ValueError as error:
         raise DataError("other values", place=str(directory / GROUPS), expected=str(error), remedy=remedy) from error
     return Dataset(facts=facts, images=images, **arrays, **statistics)
