@@ -7,6 +7,7 @@ import pandas as pd
 
 from tacevo.choices import DataSource
 from tacevo.records import Json, Kind
+from tacevo.results.grouped import FEWEST
 from tacevo.text import counted, unbroken
 
 #: Equal or constant images that the report spells out before it only counts them; the JSON lists all.
@@ -145,7 +146,9 @@ def _groups(data: Inspection) -> str:
     each = counted(most, "image") if least == most else f"{least} to {most} images"
     kept = "no two images share one" if most == 1 else "none in two parts"
     chosen_by = "" if data.groups_chosen_by is None else f" ({data.groups_chosen_by})"
-    return f"{len(data.groups)} of {each}, {kept}{chosen_by}; {data.test_groups} for the test"
+    tested = data.test_groups or 0
+    few = f", each of which counts once: too few for tests over them, which take {FEWEST}" if tested < FEWEST else ""
+    return f"{len(data.groups)} of {each}, {kept}{chosen_by}; {tested} for the test{few}"
 
 
 def _equal_lines(data: Inspection) -> Iterator[str]:

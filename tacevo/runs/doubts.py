@@ -10,11 +10,9 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.exposure import doubtful_images
 from tacevo.data.listing import doubtful_files
 from tacevo.data.source import Catalogue, listed
-from tacevo.records import DataFacts, Kind, Task
-from tacevo.results.grouped import FEWEST
+from tacevo.records import Kind, Task
 from tacevo.runs.datasets import source_of
 from tacevo.runs.looked_up import table_of
-from tacevo.text import counted
 
 #: The heading below which a task's system prompt says what the images show.
 _HEADING = "## The task\n"
@@ -35,7 +33,6 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
             f"task={config.task.name} is for {outputs}, and the data set has {listed(names)}; the prompt tells the "
             f'model: "{told(task)}" (`tacevo init NAME --like {config.task.name}` begins a task of your own)'
         )
-    doubts += _few_groups(dataset.facts)
     if config.data.source is DataSource.table:
         table = table_of(config)
         doubts += [f"{table.path} is made up: no network was trained for it"] if table.header.made_up else []
@@ -44,17 +41,6 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
         doubts += doubtful_files(listed_now, Path(config.data.root or ""))
         doubts += doubtful_images(listed_now, dataset)
     return doubts
-
-
-def _few_groups(facts: DataFacts) -> list[str]:
-    """Doubt a test part of which so few groups count that no test over them can show anything."""
-    if facts.units >= min(FEWEST, facts.counts[2]):
-        return []
-    images, groups = counted(facts.counts[2], "test image"), counted(facts.units, "group")
-    return [
-        f"the {images} are of {groups}, each of which counts once: a test over them shows something from {FEWEST} on; "
-        "record more, or hold out more of them"
-    ]
 
 
 def told(task: Task) -> str:

@@ -23,6 +23,7 @@ from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
+from tacevo.results.grouped import FEWEST, images_tested
 from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
 from tacevo.results.publishable import other_device, other_settings
 from tacevo.results.run import RecordedRun, read_run
@@ -390,6 +391,12 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
         view.say(
             f"no comparison with the baseline will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "
             f"significant; it takes seeds={needed} or more"
+        )
+    data = plan.header.data
+    if terms is not None and data.units < min(FEWEST, data.counts[2]):
+        view.say(
+            f"{images_tested(data)}, each of which counts once: too few for tests and intervals over them, which take "
+            f"{FEWEST} or more"
         )
 
 

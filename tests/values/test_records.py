@@ -100,6 +100,7 @@ READ_BACK = [
         groups=(0, 1, 0, 2),
     ),
 ]
+GROUPED: dict[str, Any] = json.loads(json.dumps(to_json(READ_BACK[-1])))
 ENUMS = [
     value
     for module in (records, schema)
@@ -120,7 +121,7 @@ def test_record_comes_back_from_json(record: Any) -> None:
 )
 def test_groups_that_test_images_cannot_have_are_refused(groups: Any) -> None:
     """Too few, too many, with a gap, not integers; whoever forges them has to forge sound ones."""
-    plain = to_json(READ_BACK[-1]) | {"groups": groups}
+    plain = {**GROUPED, "groups": groups}
     with pytest.raises(StoreError):
         convert(DataFacts, plain, place="run.json, data", error=StoreError)
 

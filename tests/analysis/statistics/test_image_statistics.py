@@ -68,18 +68,18 @@ def test_smaller_error_on_more_images_is_not_always_ahead() -> None:
 @given(ERRORS)
 def test_groups_of_one_image_are_images(errors: list[tuple[int, int]]) -> None:
     """Not a bit of the test changes."""
-    pairs = 0.1 * np.array(errors, dtype=float)
-    assert signed_rank(*pairs.T, np.arange(len(pairs))) == signed_rank(*pairs.T)
+    first, second = 0.1 * np.array(errors, dtype=float).T
+    assert signed_rank(first, second, np.arange(len(first))) == signed_rank(first, second)
 
 
 @given(st.integers(0, 99), st.integers(2, 5))
 def test_copies_of_the_images_of_a_group_change_no_test(seed: int, copies: int) -> None:
     """Each image so many times, in any order: as many frames of one press say what one says."""
     rng = np.random.default_rng(seed)
-    pairs, groups = rng.exponential(size=(24, 2)), np.sort([*range(8), *rng.integers(8, size=16)])
-    order = rng.permutation(24 * copies)
-    several, of_several = np.repeat(pairs, copies, axis=0)[order], np.repeat(groups, copies)[order]
-    assert signed_rank(*several.T, of_several) == signed_rank(*pairs.T, groups)
+    first, second = rng.exponential(size=(2, 24))
+    groups, order = np.sort([*range(8), *rng.integers(8, size=16)]), rng.permutation(24 * copies)
+    several = [np.repeat(each, copies)[order] for each in (first, second, groups)]
+    assert signed_rank(*several) == signed_rank(first, second, groups)
 
 
 def test_groups_are_tested_by_their_means() -> None:
