@@ -105,6 +105,26 @@ def test_images_of_a_group_are_drawn_together() -> None:
     assert together / apart == pytest.approx(2, rel=0.1)
 
 
+def test_groups_keep_what_test_and_interval_promise() -> None:
+    """Of two networks that err alike on other presses, by 15 presses of 3 frames; image by image neither is kept."""
+    rng, presses, images = np.random.default_rng(0), np.repeat(np.arange(15), 3), np.arange(45)
+    shown: dict[str, list[bool]] = {"presses": [], "images": []}
+    covered: dict[str, list[bool]] = {"presses": [], "images": []}
+    for _ in range(400):
+        x, y = (rng.exponential(size=15)[presses] + 0.3 * rng.exponential(size=45) for _ in range(2))
+        by_seed = [each + 0.3 * rng.normal(size=(5, 1)) for each in (x, y)]
+        for name, groups in (("presses", presses), ("images", images)):
+            shown[name].append(signed_rank(x, y, groups)["p"] <= 0.05)
+            weights = drawn_again(int(groups.max()) + 1, rng=rng, resamples=399)[:, groups]
+            drawn = [resampled_means(each, weights, rng=rng) for each in by_seed]
+            between = mean_difference(*by_seed, *drawn)
+            covered[name].append(between.low <= 0 <= between.high)
+    assert np.mean(shown["presses"]) <= 0.08
+    assert np.mean(shown["images"]) > 0.15
+    assert 0.91 <= np.mean(covered["presses"]) <= 0.98
+    assert np.mean(covered["images"]) < 0.88
+
+
 def test_sums_over_groups_of_other_sizes_are_exact() -> None:
     """A resample that draws the largest group again and again has more images than there are."""
     rng = np.random.default_rng(0)
