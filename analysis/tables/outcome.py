@@ -64,7 +64,8 @@ def study_outcome(
     if score is not None:
         test = score_cell(study.primary, score)
         rows.append({**dict.fromkeys(rows[0]), "network": "trivial", "test": test, "fitness": trivial})
-    other = f", on {study.where}" if study.where else ""
+    other = ", whose groups are not recorded" if study.lacks_groups else ""
+    other += f", on {study.where}" if study.where else ""
     other += f", trained with {study.trained_with}" if study.trained_with else ""
     return Table(
         name="outcome",

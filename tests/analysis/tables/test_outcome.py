@@ -231,7 +231,8 @@ def test_images_of_groups_are_counted_with_them() -> None:
     grouped = replace(study, data=replace(study.data, counts=(8, 1, 6), groups=(0, 0, 1, 1, 2, 2)))
     captions = [
         study_outcome(one, None, None, record="one draw", is_alone=False, trivial=None).caption
-        for one in (study, grouped)
+        for one in (study, grouped, replace(study, lacks_groups=True))
     ]
-    assert "tested on 1 image" in captions[0]
-    assert "tested on 6 images of 3 groups" in captions[1]
+    assert captions[0].endswith("tested on 1 image")
+    assert captions[1].endswith("tested on 6 images of 3 groups")
+    assert captions[2].endswith("tested on 1 image, whose groups are not recorded")
