@@ -431,6 +431,11 @@ class DataFacts(Record):
         """How many test images count as independent: their groups where these are known, or else all of them."""
         return len(set(self.groups)) or self.counts[2]
 
+    @property
+    def is_grouped(self) -> bool:
+        """Whether test images share groups."""
+        return self.units < self.counts[2]
+
     def as_said_by(self, record: DataFacts) -> DataFacts:
         """Return these facts without what came later and a record, which may be of an earlier release, does not say."""
         silent: dict[str, Any] = {name: () for name in self.LATER if not getattr(record, name)}

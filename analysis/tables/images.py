@@ -60,7 +60,7 @@ def ensembles_table(study: RecordedStudy, ensembles: pd.DataFrame) -> Table:
 def image_outputs_table(study: RecordedStudy, outputs: pd.DataFrame) -> Table:
     """Show every variant against the baseline on each output, by images or by the groups that share a recording."""
     scale, one, several = recorded_scale(study), *_units(study)
-    alpha, what = study.terms.alpha, "mean squared error" if study.is_grouped else "squared error"
+    alpha, what = study.terms.alpha, "mean squared error" if study.data.is_grouped else "squared error"
     ends = ["difference", "difference_low", "difference_high"]
     squares = outputs.output.map(scale) ** 2
     return Table.of(
@@ -82,18 +82,18 @@ def image_outputs_table(study: RecordedStudy, outputs: pd.DataFrame) -> Table:
             _verdict_note(study),
             f"Corrected after Holm over all {counted(len(outputs), 'pair')} of output and variant, at alpha {alpha:g}.",
             *_group_notes(study, len(outputs)),
-            *([group_power_note(study.data.units, alpha=alpha, family=len(outputs))] if study.is_grouped else []),
+            *([group_power_note(study.data.units, alpha=alpha, family=len(outputs))] if study.data.is_grouped else []),
         ),
     )
 
 
 def _units(study: RecordedStudy) -> tuple[str, str]:
     """Name what counts once, one and several: a test image, or all that were recorded together."""
-    return ("group", "groups") if study.is_grouped else ("image", "images")
+    return ("group", "groups") if study.data.is_grouped else ("image", "images")
 
 
 def _difference_note(study: RecordedStudy) -> str:
-    drawn = "groups of test images" if study.is_grouped else "test images"
+    drawn = "groups of test images" if study.data.is_grouped else "test images"
     return (
         f"Difference: of the means of the seeds, in brackets its {100 * LEVEL:g} % interval by the percentiles of "
         f"{IMAGE_RESAMPLES:,} bootstrap resamples of {drawn} and seeds together: where it holds 0, other "
@@ -105,7 +105,7 @@ def _group_notes(study: RecordedStudy, tests: int = 1) -> tuple[str, ...]:
     """Say of how many groups the test images are, or that they are not recorded; and whether they suffice for tests."""
     if study.lacks_groups:
         return (UNRECORDED,)
-    if not study.is_grouped:
+    if not study.data.is_grouped:
         return ()
     told = f"{images_tested(study.data)}: those of a group were recorded together, so it counts once."
     if study.data.units >= (needed := fewest_groups(study.terms.alpha / tests)):

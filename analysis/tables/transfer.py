@@ -40,7 +40,7 @@ def _share_tests(studies: Sequence[OnData]) -> bool:
 def transfer_table(studies: Sequence[OnData]) -> Table:
     """Show each network on each data set: its median, and its verdict against the baseline there."""
     first, _ = studies[0]
-    shared, is_grouped = _shared(studies), any(study.is_grouped for study, _ in studies)
+    shared, is_grouped = _shared(studies), any(study.data.is_grouped for study, _ in studies)
     return Table(
         name="transfer",
         caption=f"The networks of {first.task} on {counted(len(studies), 'data set')}, test "

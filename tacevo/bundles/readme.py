@@ -15,6 +15,7 @@ from packaging.licenses import InvalidLicenseExpression, canonicalize_license_ex
 from tacevo.choices import DataSource, Provider, SimulatedSensor
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
+from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.storage.notes import HEADING
 from tacevo.storage.sweep_directory import Job, sweep_digest
@@ -151,7 +152,7 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
     """Write the README from its template, `readme.template.md`."""
     run, is_sweep = subject.first, bool(subject.jobs)
     record, config = run.record, run.config
-    (train, validation, test), units = record.data.counts, record.data.units
+    train, validation, test = record.data.counts
     template = Template((Path(__file__).parent / "readme.template.md").read_text(encoding="utf-8"))
     versions, machine = (
         {name: in_markdown(str(value)) for name, value in of.items()} for of in (record.versions, record.machine)
@@ -168,7 +169,7 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
         "train": train,
         "validation": validation,
         "test": test,
-        "of_groups": f" The test images are of {counted(units, 'group')}." if units < test else "",
+        "in_groups": in_groups(record.data),
         "image_size": record.data.image_size,
         "source": _origin(run, subject.folder),
         "of_which": " (the first run; the others say theirs)" if is_sweep else "",

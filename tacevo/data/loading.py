@@ -93,15 +93,15 @@ def load(
     else:
         remove_leftovers(cache)
     dataset = datasets.read(directory)
-    if not (directory / datasets.GROUPS).exists():  # an earlier release made it
-        catalogue = source.catalogue() if catalogue is None else catalogue
-        dataset = datasets.with_groups(dataset, _numbered(catalogue, dataset.test))
     if datasets.fingerprint(dataset) != dataset.facts.fingerprint:
         raise DataError(
             "the cached data set was changed or damaged",
             place=str(directory),
             remedy="delete that directory and start again",
         )
+    if not (directory / datasets.GROUPS).exists():  # an earlier release made it
+        catalogue = source.catalogue() if catalogue is None else catalogue
+        dataset = datasets.with_groups(dataset, _numbered(catalogue, dataset.test))
     return dataset
 
 

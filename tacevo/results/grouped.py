@@ -13,7 +13,12 @@ FEWEST = fewest_groups(0.05)
 def images_tested(facts: DataFacts, noun: str = "test image") -> str:
     """Count the test images, and their groups where some share one: `45 test images of 15 groups`."""
     images = counted(facts.counts[2], noun)
-    return f"{images} of {counted(facts.units, 'group')}" if facts.units < facts.counts[2] else images
+    return f"{images} of {counted(facts.units, 'group')}" if facts.is_grouped else images
+
+
+def in_groups(facts: DataFacts) -> str:
+    """Return what stands behind a number of test images, ` (of 15 groups)`; nothing where none share a group."""
+    return f" (of {counted(facts.units, 'group')})" if facts.is_grouped else ""
 
 
 def lacks_groups(study: Design, config: RunConfig) -> bool:

@@ -62,11 +62,6 @@ class RecordedStudy(Design):
         return self.data.names
 
     @property
-    def is_grouped(self) -> bool:
-        """Whether test images share groups, which then count once each."""
-        return self.data.units < self.data.counts[2]
-
-    @property
     def fingerprint(self) -> str:
         """Of the data set."""
         return self.data.fingerprint

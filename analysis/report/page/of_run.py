@@ -34,10 +34,10 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
 from tacevo.evolution.run_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
+from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
 from tacevo.results.summary import data_in_words, outcome_in_words, rates_in_words, searched
-from tacevo.text import counted
 
 #: Corners of a polygon in order, each (x, y) in [0, 1].
 Corners = tuple[tuple[float, float], ...]
@@ -296,8 +296,7 @@ def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
 
 
 def _provenance(run: RecordedRun) -> tuple[tuple[str, str], ...]:
-    (train, validation, test), units = run.facts.counts, run.facts.units
-    grouped = f" (of {counted(units, 'group')})" if units < test else ""
+    train, validation, test = run.facts.counts
     code = run.record.code
     commit = "not known" if code is None else f"{code.commit}{' and changes since' if code.dirty else ''}"
     walls = {}
@@ -312,7 +311,7 @@ def _provenance(run: RecordedRun) -> tuple[tuple[str, str], ...]:
         **({"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}),
         "data source": str(run.config.data.source),
         "data fingerprint": run.facts.fingerprint,
-        "images": f"{train:,} to train, {validation:,} to validate, {test:,} to test{grouped}",
+        "images": f"{train:,} to train, {validation:,} to validate, {test:,} to test{in_groups(run.facts)}",
         "numerics": str(run.config.numerics.kind),
         "rules": rules_in_words(run.rules),
         "commit": commit,
