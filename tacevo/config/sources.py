@@ -92,14 +92,12 @@ def _lacking(name: str, config: RunConfig) -> list[str]:
 
 def are_grouped(data: Mapping[str, Json], task: str) -> bool | None:
     """Answer whether images of some settings of `data` come in groups; None where a file says so, and no setting."""
-    match data["source"]:
-        case DataSource.numpy | DataSource.table:
-            return None
-        case DataSource.tacverse if task == RecordedTask.grating:
-            return True
-        case source:
-            names = USED[DataSource(str(source))] & {"group_column", "group_pattern"}
-            return any(data.get(name) is not None for name in names)
+    source = str(data["source"])
+    if source in (DataSource.numpy, DataSource.table):
+        return None
+    if source == DataSource.tacverse and task == RecordedTask.grating:
+        return True
+    return source != DataSource.simulated and any(data.get(name) for name in ("group_column", "group_pattern"))
 
 
 def unused(config: RunConfig) -> frozenset[str]:
