@@ -416,8 +416,36 @@ class DataFacts(Record):
     names: tuple[str, ...]
     #: The settings that selected images of a recording, e.g. `data.images=700`; none where all were taken.
     selected: tuple[str, ...] = ()
+    #: Which test images were recorded together: the number of each one's group, in the order of the test rows. Groups
+    #: are numbered from 0 as they come. Empty where none are known, as in runs of earlier releases.
+    groups: tuple[int, ...] = ()
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"selected"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"selected", "groups"})
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where the groups are not those of the test images."""
+        known = 0
+        for number in self.groups:
+            if not 0 <= number <= known:
+                raise ValueError("groups that are numbered from 0 in the order in which they come")
+            known = max(known, number + 1)
+        if self.groups and len(self.groups) != self.counts[2]:
+            raise ValueError(f"a group for each of the {self.counts[2]} test images, or none")
+
+    @property
+    def units(self) -> int:
+        """How many test images count as independent: their groups where these are known, or else all of them."""
+        return len(set(self.groups)) or self.counts[2]
+
+    @property
+    def is_grouped(self) -> bool:
+        """Whether test images share groups."""
+        return self.units < self.counts[2]
+
+    def as_said_by(self, record: DataFacts) -> DataFacts:
+        """Return these facts without what came later and a record, which may be of an earlier release, does not say."""
+        silent: dict[str, Any] = {name: () for name in self.LATER if not getattr(record, name)}
+        return dataclasses.replace(self, **silent)
 
 
 @overload

@@ -39,6 +39,7 @@ from analysis.tables.searches import searches_table
 from analysis.tables.transfer import transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
+from tacevo.results.grouped import lacks_groups
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study import RecordedStudy, as_study
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory, studies_of
@@ -139,7 +140,8 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
         if one.record.terms is not None:
             try:
                 study = as_study(one)
-                study = replace(study, ceiling=ceiling_of(study, run.config))
+                ceiling, lacking = ceiling_of(study, run.config), lacks_groups(study, run.config)
+                study = replace(study, ceiling=ceiling, lacks_groups=lacking)
             except RunError as error:
                 left_out.append(_reason(error, run))
                 continue
@@ -194,7 +196,8 @@ def _on_images(run: RecordedRun, one: Compared) -> tuple[ImageFindings | None, l
 def with_largest_studies(collection: Collection) -> Collection:
     """Keep a run's largest study on each data set: the most epochs, then seeds, then networks; never by results.
 
-    Of equal ones that counts which trained as the run. The study on the run's data comes first.
+    Of equal ones that counts which trained as the run, then which records the groups of its images. The study on the
+    run's data comes first.
     """
     ordered = sorted(collection.studies, key=_size)
     largest = {one.study.fingerprint: one for one in ordered}
@@ -209,9 +212,10 @@ def with_largest_studies(collection: Collection) -> Collection:
     )
 
 
-def _size(one: Compared) -> tuple[int, int, int, bool, str]:
+def _size(one: Compared) -> tuple[int, int, int, bool, bool, str]:
     study = one.study
-    return study.recipe.epochs, study.seeds, len(study.networks), not study.other_device, one.name
+    size = study.recipe.epochs, study.seeds, len(study.networks)
+    return *size, not study.other_device, not study.lacks_groups, one.name
 
 
 def side_by_side(collections: Sequence[Collection]) -> tuple[list[Table], list[str]]:

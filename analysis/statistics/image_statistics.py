@@ -1,16 +1,20 @@
 """What test images say of networks, beside seeds: a bootstrap over both, and a test of ensembles image by image. Pure.
 
-A network has a prediction for each of t images under each of S seeds. docs/statistics.md says what each of these asks.
+A network has a prediction for each of t images under each of S seeds. Images that were recorded together, such as the
+frames of a press, are not independent: where groups are known, each counts once. docs/statistics.md says what each of
+these asks.
 """
 
 import math
 from collections.abc import Sequence
+from statistics import NormalDist, mean
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import rankdata, wilcoxon
 
 from analysis.statistics.effects import interval
+from analysis.statistics.planning import POWER
 from analysis.table import Between
 from tacevo.rounding import rounded
 
@@ -30,7 +34,7 @@ _COUNTED = 50
 
 
 def drawn_again(count: int, *, rng: np.random.Generator, resamples: int = IMAGE_RESAMPLES) -> NDArray[np.int64]:
-    """Draw all images, or seeds, but one with replacement, again and again.
+    """Draw all images, groups of images, or seeds, but one with replacement, again and again.
 
     As many draws as images would make an interval too narrow, by the square root of (n - 1) / n (Rao & Wu 1988).
 
@@ -46,14 +50,17 @@ def resampled_means(scores: ArrayLike, weights: NDArray[np.int64], *, rng: np.ra
 
     Args:
         scores: shape (S, t), finite: of each seed on each image.
-        weights: of the images, by `drawn_again`; the same for all networks, since they are tested on the same images.
+        weights: of the images, by `drawn_again`, those of a group alike; the same for all networks, since they are
+            tested on the same images.
         rng: draws the seeds, S - 1 with replacement in each resample (one of one); equal states give equal bits, on
             every machine.
 
     Returns:
         Shape (resamples,).
     """
-    whole, factor = _whole(np.asarray(scores, dtype=np.float64))
+    values = np.asarray(scores, dtype=np.float64)
+    # Where groups differ in size, a resample may have more images than there are.
+    whole, factor = _whole(values, max(values.size, len(values) * int(weights.sum(axis=1).max())))
     drawn = drawn_again(len(whole), rng=rng, resamples=len(weights))
     sums = np.einsum("ri,ri->r", drawn.astype(np.float64) @ whole, weights.astype(np.float64))
     return np.asarray(sums / (factor * drawn.sum(axis=1) * weights.sum(axis=1)), dtype=np.float64)
@@ -72,21 +79,25 @@ def mean_difference(x: ArrayLike, y: ArrayLike, drawn_x: Floats, drawn_y: Floats
     return interval(difference, drawn_x - drawn_y)
 
 
-def signed_rank(first: ArrayLike, second: ArrayLike) -> dict[str, float]:
+def signed_rank(first: ArrayLike, second: ArrayLike, groups: ArrayLike | None = None) -> dict[str, float]:
     """Test whether two regressions err equally much on the same images: Wilcoxon's (1945) signed-rank test.
 
-    Images on which both err equally are left out. Exact up to 50 others whose differences do not tie in size, and
-    otherwise the normal approximation, corrected for ties and continuity.
+    The difference of a group is the mean over its images. Groups on which both err equally are left out. Exact up to 50
+    others whose differences do not tie in size, and otherwise the normal approximation, corrected for ties and
+    continuity.
 
     Args:
         first: errors of the first, shape (t,), finite; less is better.
         second: of the second.
+        groups: of the images, shape (t,), numbered from 0; None where each image is one.
 
     Returns:
-        On how many images the first is `better` and `worse`; its `lead`, how far it is ahead, in ranks (below 0 it is
+        On how many groups the first is `better` and `worse`; its `lead`, how far it is ahead, in ranks (below 0 it is
         behind); `p`, two-sided, in (0, 1].
     """
     differences = np.subtract(first, second, dtype=np.float64)
+    if groups is not None:
+        differences = _means(differences, np.asarray(groups))
     differences = differences[differences != 0]
     if not differences.size:
         return {"better": 0, "worse": 0, "lead": 0.0, "p": 1.0}
@@ -99,6 +110,18 @@ def signed_rank(first: ArrayLike, second: ArrayLike) -> dict[str, float]:
         "lead": -float((np.sign(differences) * ranks).sum()),
         "p": rounded(float(test.pvalue)),
     }
+
+
+def detectable_lead(count: int, *, alpha: float) -> tuple[float, float] | None:
+    """Return the smallest effect that `signed_rank` of so many groups finds with a power of 80 % (Noether 1987).
+
+    Returns:
+        The chance that two groups together favour the better network, in (0.5, 1); and the mean difference that makes
+        it, in standard deviations of a normal distribution. None where the formula gives no effect for so few.
+    """
+    quantile = NormalDist().inv_cdf
+    chance = 0.5 + (quantile(1 - alpha / 2) + quantile(POWER)) / math.sqrt(3 * count)
+    return None if chance >= 1 else (rounded(chance), rounded(quantile(chance) / math.sqrt(2)))
 
 
 def average(predictions: Sequence[NDArray[np.floating]]) -> Floats:
@@ -133,16 +156,22 @@ def squared_errors(predictions: ArrayLike, labels: ArrayLike) -> Floats:
     return mean
 
 
-def _whole(scores: Floats) -> tuple[Floats, float]:
-    """Turn scores into whole numbers, by a power of two as a factor, so that sums over them are exact in any order."""
+def _means(values: Floats, groups: NDArray[np.int64]) -> Floats:
+    """Return the mean of each group, rounded once: so an image that stands there several times changes no bit."""
+    ends = np.bincount(groups).cumsum()[:-1]
+    return np.array([mean(own.tolist()) for own in np.split(values[groups.argsort(kind="stable")], ends)])
+
+
+def _whole(scores: Floats, terms: int) -> tuple[Floats, float]:
+    """Turn scores into whole numbers, by a power of two as a factor, so that sums of so many are exact in any order."""
     largest = float(np.abs(scores).max())
     if largest == 0:
         return scores, 1.0
-    bits = _EXACT_BITS - (scores.size - 1).bit_length()
+    bits = _EXACT_BITS - (terms - 1).bit_length()
     factor = math.ldexp(1.0, bits - math.frexp(largest)[1])
     return np.round(scores * factor), factor
 
 
 def _mean(scores: Floats) -> float:
-    whole, factor = _whole(scores)
+    whole, factor = _whole(scores, scores.size)
     return float(whole.sum() / (factor * whole.size))

@@ -31,7 +31,7 @@ MOST = 200
 CONFIDENCE = 0.8
 
 #: Of the smallest effect that a test detects.
-_POWER = 0.8
+POWER = 0.8
 
 #: Draws from which the deviation of a median is estimated.
 _MEDIANS = 20_000
@@ -138,7 +138,7 @@ def detectable(n: int, m: int, *, alpha: float) -> tuple[float, float] | None:
     """
     quantile = NormalDist().inv_cdf
     # N = (sum of both quantiles)² / (12 c (1 - c) (A12 - 1/2)²), with N of both samples and c the part of the first.
-    effect = 0.5 + (quantile(1 - alpha / 2) + quantile(_POWER)) / math.sqrt(12 * n * m / (n + m))
+    effect = 0.5 + (quantile(1 - alpha / 2) + quantile(POWER)) / math.sqrt(12 * n * m / (n + m))
     return None if effect >= 1 else (rounded(effect), rounded(math.sqrt(2) * quantile(effect)))
 
 

@@ -2,7 +2,7 @@
 
 The verdicts of `analysis.studies.comparison` resample seeds only: they hold for these test images. Here images are
 resampled with the seeds, and the ensembles of the seeds, which are the networks as one would use them, are compared on
-the same images.
+the same images. Of images that were recorded together each group counts once, where groups are known.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.statistics.image_statistics import (
     Floats,
@@ -33,7 +34,10 @@ from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import fewest_seeds
 from tacevo.rounding import rounded
 
-#: Returns the difference of two networks, with its interval over seeds and images.
+#: The group of each test image, shape (t,), numbered from 0.
+Groups = NDArray[np.int64]
+
+#: Returns the difference of two networks, with its interval over seeds and groups of images.
 Differ = Callable[[str, str], Between]
 
 
@@ -46,10 +50,11 @@ _DIFFERENCE = dict.fromkeys(("difference", "difference_low", "difference_high"),
 ENSEMBLES = {"network": "str", "score": "float64"} | _DIFFERENCE
 
 #: The columns of a regression's variants on its outputs, and the type of each, by output, then variant. `better` and
-#: `worse` count images by the ensembles' squared errors, `lead` is as of `signed_rank`, `p_holm` is corrected over
-#: all rows, and the difference is the mean squared error of the seeds less the baseline's, over seeds and images.
-#: The verdict is never `equivalent`, for which there is no test here; `better` and `worse` take the test and the
-#: interval, so that neither stands beside an interval that holds 0. Missing of fewer seeds than a comparison takes.
+#: `worse` count groups of images, each image where none are known, by the ensembles' squared errors, `lead` is as of
+#: `signed_rank`, `p_holm` is corrected over all rows, and the difference is the mean squared error of the seeds less
+#: the baseline's, over seeds and groups. The verdict is never `equivalent`, for which there is no test here; `better`
+#: and `worse` take the test and the interval, so that neither stands beside an interval that holds 0. Missing of fewer
+#: seeds than a comparison takes.
 OUTPUTS = (
     {"output": "str", "network": "str", "better": "int64", "worse": "int64"}
     | dict.fromkeys(("lead", "p", "p_holm"), "float64")
@@ -64,8 +69,8 @@ ImageFindings = tuple[pd.DataFrame, pd.DataFrame]
 def image_findings(study: RecordedStudy, predictions: Predictions) -> ImageFindings:
     """Compare the networks of a study on its test images.
 
-    All networks share the draws of the images, and each has draws of its seeds from a stream of its own, so another
-    variant changes no interval.
+    All networks share the draws of the groups of images, and each has draws of its seeds from a stream of its own, so
+    another variant changes no interval.
     """
     if study.kind is Kind.classification:
         return _of_classes(study, predictions)
@@ -77,7 +82,7 @@ def _of_classes(study: RecordedStudy, predictions: Predictions) -> ImageFindings
     right = {name: (each.argmax(axis=2) == labels).astype(np.float64) for name, each in predictions.of.items()}
     ensembles = {name: average([probabilities(one) for one in each]) for name, each in predictions.of.items()}
     scores = {name: int((predicted(mean) == labels).sum()) / len(labels) for name, mean in ensembles.items()}
-    return _ensembles(study, scores, _differences(right, "accuracy")), _frame([], OUTPUTS)
+    return _ensembles(study, scores, _differences(right, "accuracy", _groups(study, len(labels)))), _frame([], OUTPUTS)
 
 
 def _of_values(study: RecordedStudy, predictions: Predictions) -> ImageFindings:
@@ -86,12 +91,19 @@ def _of_values(study: RecordedStudy, predictions: Predictions) -> ImageFindings:
     ensembles = {name: average(list(each)) for name, each in predictions.of.items()}
     scores = {name: fmean(squared_errors(mean, labels)) for name, mean in ensembles.items()}
     outputs = _outputs(study, predictions, ensembles) if len(study.names) > 1 else []
-    return _ensembles(study, scores, _differences(errors, "mse")), _frame(outputs, OUTPUTS)
+    differ = _differences(errors, "mse", _groups(study, len(labels)))
+    return _ensembles(study, scores, differ), _frame(outputs, OUTPUTS)
+
+
+def _groups(study: RecordedStudy, images: int) -> Groups:
+    """Return the group of each test image; where none are known, each image is one."""
+    return np.array(study.data.groups or range(images), dtype=np.int64)
 
 
 def _outputs(study: RecordedStudy, predictions: Predictions, ensembles: Mapping[str, Floats]) -> list[dict[str, Any]]:
     """Compare every variant with the baseline on each output; all of these are one family."""
     baseline, *variants = (network.name for network in study.networks)
+    groups = _groups(study, len(predictions.labels))
     rows: list[dict[str, Any]] = []
     for at, output in enumerate(study.names):
         labels = predictions.labels[:, at : at + 1]
@@ -100,18 +112,18 @@ def _outputs(study: RecordedStudy, predictions: Predictions, ensembles: Mapping[
             for name, each in predictions.of.items()
         }
         means = {name: squared_errors(mean[:, at : at + 1], labels) for name, mean in ensembles.items()}
-        differ = _differences(errors, f"mse_{output}")
+        differ = _differences(errors, f"mse_{output}", groups)
         for name in variants:
-            test = signed_rank(means[name], means[baseline])
+            test = signed_rank(means[name], means[baseline], groups)
             rows.append({"output": output, "network": name} | test | differ(name, baseline).columns("difference"))
     for row, p in zip(rows, holm([row["p"] for row in rows]) if rows else (), strict=True):
         row |= {"p_holm": p, "verdict": _verdict(study, row, is_shown=p <= study.terms.alpha)}
     return rows
 
 
-def _differences(scores: Mapping[str, Floats], metric: str) -> Differ:
-    """Return what gives the mean score of a network less another's, with its interval over seeds and images."""
-    weights = drawn_again(next(iter(scores.values())).shape[1], rng=stream(0, "images"))
+def _differences(scores: Mapping[str, Floats], metric: str, groups: Groups) -> Differ:
+    """Return what gives the mean score of a network less another's, with its interval over seeds and groups."""
+    weights = drawn_again(int(groups.max()) + 1, rng=stream(0, "images"))[:, groups]
     drawn = {
         name: resampled_means(each, weights, rng=stream(0, "seeds", name, metric)) for name, each in scores.items()
     }

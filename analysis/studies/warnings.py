@@ -1,19 +1,26 @@
 """What to beware of when a comparison is read: assumptions that a pair of samples, or a study, does not meet."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.rounding import shown
+from analysis.statistics.image_statistics import detectable_lead
 from analysis.statistics.planning import detectable
 from analysis.statistics.tests import Method, smallest_p
-from tacevo.text import listed
+from analysis.table import Percent
+from tacevo.results.study_lines import fewest_groups
+from tacevo.text import counted, listed
 
 #: Interquartile ranges further apart than this count as very different; equal normal spreads of 20 seeds are further
 #: apart about once in twenty.
 SPREADS = 2.0
+
+#: What a test of too few values detects.
+_NOTHING = "no effect at all"
+_NEAR_SEPARATION = "effects near full separation only, since Noether's formula gives none for so few"
 
 
 class Caution(StrEnum):
@@ -73,11 +80,33 @@ def power_note(who: str, first: int, second: int, *, alpha: float, family: int) 
 
     `who` names the samples in words; `family` is the number of tests.
     """
-    one, strictest = (_detected(first, second, level) for level in (alpha, alpha / family))
+    return _power(who, lambda level: _detected(first, second, level), alpha=alpha, family=family)
+
+
+def group_power_note(groups: int, *, alpha: float, family: int) -> str:
+    """Say which effect a signed-rank test of so many groups of test images detects, as `power_note`."""
+    return _power(counted(groups, "group"), lambda level: _lead_detected(groups, level), alpha=alpha, family=family)
+
+
+def _power(who: str, detected: Callable[[float], str], *, alpha: float, family: int) -> str:
+    one, strictest = detected(alpha), detected(alpha / family)
     head = f"Detected by {who} with a power of 80 %, in a single test"
     if one == strictest:
         return f"{head} and in the strictest step of Holm's correction: {one}."
     return f"{head}: {one}; in the strictest step of Holm's correction: {strictest}."
+
+
+def _lead_detected(groups: int, alpha: float) -> str:
+    if fewest_groups(alpha) > groups:
+        return _NOTHING
+    effect = detectable_lead(groups, alpha=alpha)
+    if effect is None:
+        return _NEAR_SEPARATION
+    chance, shift = effect
+    return (
+        f"a mean difference of {shown(shift)} standard deviations between groups (two of them together favour the "
+        f"better network in {shown(Percent(chance))} of pairs)"
+    )
 
 
 def _detected(first: int, second: int, alpha: float) -> str:
@@ -85,6 +114,4 @@ def _detected(first: int, second: int, alpha: float) -> str:
     if effect is not None:
         a12, shift = effect
         return f"an A12 of {shown(a12)} or {shown(1 - a12)} ({shown(shift)} standard deviations)"
-    if smallest_p(first, second) > alpha:
-        return "no effect at all"
-    return "effects near full separation only, since Noether's formula gives none for so few"
+    return _NOTHING if smallest_p(first, second) > alpha else _NEAR_SEPARATION

@@ -343,14 +343,16 @@ def _small_note(study: RecordedStudy, variants: pd.DataFrame) -> tuple[str, ...]
 
 
 def _image_note(study: RecordedStudy, variants: pd.DataFrame) -> tuple[str, ...]:
-    """Warn of a margin that no change of a score fits in: less than what one test image adds to an accuracy."""
+    """Warn of a margin that no change of an accuracy fits in: less than one test image, or one group of them."""
     confusion = study.scores[0].confusion
-    image = 0.0 if confusion is None else rounded(1 / sum(map(sum, confusion)))
-    if variants.margin.iloc[0] >= image:
+    units = study.data.units if study.data.is_grouped else sum(map(sum, confusion or ()))
+    least = 0.0 if confusion is None else rounded(1 / units)
+    if variants.margin.iloc[0] >= least:
         return ()
+    one, share = ("group", "on average ") if study.data.is_grouped else ("image", "")
     return (
-        f"The margin of equivalence is less than one test image, {shown(100 * image)} percentage points: a "
-        "network that errs on one image more or less lies outside it.",
+        f"The margin of equivalence is less than one test {one}, {share}{shown(100 * least)} percentage points: a "
+        f"network that errs on one {one} more or less lies outside it.",
     )
 
 

@@ -8,20 +8,23 @@ from analysis.statistics.effects import LEVEL
 from analysis.statistics.image_statistics import IMAGE_RESAMPLES
 from analysis.studies.image_findings import ImageFindings
 from analysis.studies.metric_names import SHARES, metric_name, recorded_scale, recorded_unit
+from analysis.studies.warnings import group_power_note
 from analysis.table import Percent, PValue, Table
 from analysis.tables.comparison import scaled, score_cell, unit_of
 from tacevo.records import Kind
+from tacevo.results.grouped import images_tested
 from tacevo.results.study import RecordedStudy
-from tacevo.results.study_lines import fewest_seeds
+from tacevo.results.study_lines import fewest_groups, fewest_seeds
 from tacevo.results.trivial import trivial_score
 from tacevo.rounding import rounded
 from tacevo.rules import KEPT_SINCE
 from tacevo.text import counted
 
-_DIFFERENCE = (
-    f"Difference: of the means of the seeds, in brackets its {100 * LEVEL:g} % interval by the percentiles of "
-    f"{IMAGE_RESAMPLES:,} bootstrap resamples of test images and seeds together: where it holds 0, other images and "
-    "other seeds may turn it."
+#: Of a study of an earlier release.
+UNRECORDED = (
+    "The test images come in groups, such as the frames of a press, which this study does not record, being of an "
+    "earlier release. Each image is counted as if it were recorded alone, so p is too small and intervals are too "
+    "narrow. Study the run again with this release: its trainings are in the store."
 )
 
 
@@ -48,15 +51,16 @@ def ensembles_table(study: RecordedStudy, ensembles: pd.DataFrame) -> Table:
         caption=f"The networks of {study.task} as ensembles of their {study.seeds} seeds, test {name}.",
         notes=(
             f"Ensemble: the mean of the seeds' {what}. Trivial: looks at no image.",
-            *((_DIFFERENCE,) if len(ensembles) > 1 else ()),
+            *((_difference_note(study), *_group_notes(study)) if len(ensembles) > 1 else ()),
         ),
         last=(("trivial", score_cell(metric, trivial_score(study)), None, None),),
     )
 
 
 def image_outputs_table(study: RecordedStudy, outputs: pd.DataFrame) -> Table:
-    """Show every variant against the baseline on each output, image by image."""
-    scale = recorded_scale(study)
+    """Show every variant against the baseline on each output, by images or by the groups that share a recording."""
+    scale, one, several = recorded_scale(study), *_units(study)
+    alpha, what = study.terms.alpha, "mean squared error" if study.data.is_grouped else "squared error"
     ends = ["difference", "difference_low", "difference_high"]
     squares = outputs.output.map(scale) ** 2
     return Table.of(
@@ -68,16 +72,47 @@ def image_outputs_table(study: RecordedStudy, outputs: pd.DataFrame) -> Table:
             "verdict": "verdict",
         },
         name="image_outputs",
-        caption=f"The variants of {study.task} against the baseline on each output, image by image.",
+        caption=f"The variants of {study.task} against the baseline on each output, {one} by {one}.",
         notes=(
-            "Difference: as in the table of ensembles, over images and seeds.",
-            "Better on: images on which the network's squared error is the smaller. p: Wilcoxon's signed-rank test, "
+            f"Difference: as in the table of ensembles, over {several} and seeds.",
+            f"Better on: {several} on which the network's {what} is the smaller. p: Wilcoxon's signed-rank test, "
             "two-sided.",
-            "It asks whether these two ensembles differ on other images of the kind; not whether other seeds would.",
+            f"It asks whether these two ensembles differ on other {several} of the kind; not whether other seeds "
+            "would.",
             _verdict_note(study),
-            f"Corrected after Holm over all {counted(len(outputs), 'pair')} of output and variant, at alpha "
-            f"{study.terms.alpha:g}.",
+            f"Corrected after Holm over all {counted(len(outputs), 'pair')} of output and variant, at alpha {alpha:g}.",
+            *_group_notes(study, len(outputs)),
+            *([group_power_note(study.data.units, alpha=alpha, family=len(outputs))] if study.data.is_grouped else []),
         ),
+    )
+
+
+def _units(study: RecordedStudy) -> tuple[str, str]:
+    """Name what counts once, one and several: a test image, or all that were recorded together."""
+    return ("group", "groups") if study.data.is_grouped else ("image", "images")
+
+
+def _difference_note(study: RecordedStudy) -> str:
+    drawn = "groups of test images" if study.data.is_grouped else "test images"
+    return (
+        f"Difference: of the means of the seeds, in brackets its {100 * LEVEL:g} % interval by the percentiles of "
+        f"{IMAGE_RESAMPLES:,} bootstrap resamples of {drawn} and seeds together: where it holds 0, other "
+        f"{_units(study)[1]} and other seeds may turn it."
+    )
+
+
+def _group_notes(study: RecordedStudy, tests: int = 1) -> tuple[str, ...]:
+    """Say of how many groups the test images are, or that they are not recorded; and whether they suffice for tests."""
+    if study.lacks_groups:
+        return (UNRECORDED,)
+    if not study.data.is_grouped:
+        return ()
+    told = f"{images_tested(study.data)}: those of a group were recorded together, so it counts once."
+    if study.data.units >= (needed := fewest_groups(study.terms.alpha / tests)):
+        return (told,)
+    return (
+        f"{told} They are too few: intervals over them are too narrow, and no test of fewer than {needed} groups is "
+        "significant after Holm's correction.",
     )
 
 
@@ -104,6 +139,6 @@ def _verdict_note(study: RecordedStudy) -> str:
     if study.seeds < needed:
         return f"No verdicts: {counted(study.seeds, 'seed')}, and it takes {needed} at alpha {alpha:g}."
     return (
-        f"Better and worse: p after Holm is at most {alpha:g}, and the interval of the difference, over images and "
-        "seeds, does not hold 0. Undecided: all others."
+        f"Better and worse: p after Holm is at most {alpha:g}, and the interval of the difference, over "
+        f"{_units(study)[1]} and seeds, does not hold 0. Undecided: all others."
     )

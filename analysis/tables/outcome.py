@@ -13,6 +13,7 @@ from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Cell, Percent, PercentBetween, PValue, Table
 from analysis.tables.comparison import score_cell
 from analysis.tables.noise import BEATS, chance_note
+from tacevo.results.grouped import images_tested
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import StudyNetwork
 from tacevo.results.trivial import at_chance, trivial_score
@@ -63,12 +64,13 @@ def study_outcome(
     if score is not None:
         test = score_cell(study.primary, score)
         rows.append({**dict.fromkeys(rows[0]), "network": "trivial", "test": test, "fitness": trivial})
-    other = f", on {study.where}" if study.where else ""
+    other = ", whose groups are not recorded" if study.lacks_groups else ""
+    other += f", on {study.where}" if study.where else ""
     other += f", trained with {study.trained_with}" if study.trained_with else ""
     return Table(
         name="outcome",
         caption=f"{study.task}: {counted(study.seeds, 'training seed')}, "
-        f"{counted(study.recipe.epochs, 'epoch')}, tested on {counted(study.data.counts[2], 'image')}{other}"
+        f"{counted(study.recipe.epochs, 'epoch')}, tested on {images_tested(study.data, 'image')}{other}"
         + ("" if comparisons is None else "; verdicts against the baseline, p after Holm"),
         columns=tuple(names.get(column, column) for column in rows[0]),
         rows=tuple(tuple(row.values()) for row in rows),

@@ -9,6 +9,7 @@ from analysis.studies.metric_names import SHARES, metric_name
 from analysis.studies.searches import StudiedSearch, best_by_reestimates
 from analysis.table import Between, PercentBetween, PValue, Table
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled, unit_of
+from tacevo.results.grouped import images_tested
 from tacevo.results.study import LOWER_IS_BETTER
 from tacevo.text import counted
 
@@ -42,7 +43,7 @@ def searches_table(searches: Sequence[StudiedSearch]) -> Table:
             "from 1. Re-estimates and tests are of the other seeds, so no training chooses a network and counts for "
             "it. Where odd and even seeds choose different networks, re-estimates do not tell these apart.",
             f"Tested: after {counted(study.recipe.epochs, 'epoch')}, weights of the best validation epoch, on "
-            f"{counted(study.data.counts[2], 'image')}.",
+            f"{images_tested(study.data, 'image')}.",
             f"In brackets: {100 * LEVEL:g} % intervals, by order statistics of a median, Newcombe's method 5 (2006) "
             f"of the chance and of A12, {RESAMPLES:,} bootstrap resamples of the seeds of the difference.",
             f"A12 is the chance that a seed has a larger {metric} than one of {first.name}: {better} 0.5 it is the "

@@ -40,13 +40,13 @@ def _share_tests(studies: Sequence[OnData]) -> bool:
 def transfer_table(studies: Sequence[OnData]) -> Table:
     """Show each network on each data set: its median, and its verdict against the baseline there."""
     first, _ = studies[0]
-    shared = _shared(studies)
+    shared, is_grouped = _shared(studies), any(study.data.is_grouped for study, _ in studies)
     return Table(
         name="transfer",
         caption=f"The networks of {first.task} on {counted(len(studies), 'data set')}, test "
         f"{metric_name(first.primary)}.",
-        columns=("data", "test images", "network", "median", "p, Holm", "verdict"),
-        rows=tuple(row for one in studies for row in _rows(one, _where(one[0], shared))),
+        columns=("data", "test images", *(["groups"] if is_grouped else []), "network", "median", "p, Holm", "verdict"),
+        rows=tuple(row for one in studies for row in _rows(one, _where(one[0], shared), is_grouped=is_grouped)),
         notes=(
             f"On each data set every network was trained again, with the same {counted(first.seeds, 'training seed')} "
             f"and {counted(first.recipe.epochs, 'epoch')}.",
@@ -126,9 +126,9 @@ def _fewest(study: RecordedStudy) -> str:
     return f"After Holm's first step it can show something from {counted(needed, 'data set')} on."
 
 
-def _rows(on: OnData, where: str) -> Iterator[tuple[Cell, ...]]:
+def _rows(on: OnData, where: str, *, is_grouped: bool) -> Iterator[tuple[Cell, ...]]:
     study, comparisons = on
-    head = where, study.data.counts[2]
+    head: tuple[Cell, ...] = (where, study.data.counts[2], *([study.data.units] if is_grouped else []))
     verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(comparisons).itertuples()}
     for network in study.networks:
         median = rounded(float(np.median(study.values(network.name, study.primary))))

@@ -15,6 +15,7 @@ from packaging.licenses import InvalidLicenseExpression, canonicalize_license_ex
 from tacevo.choices import DataSource, Provider, SimulatedSensor
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
+from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.storage.notes import HEADING
 from tacevo.storage.sweep_directory import Job, sweep_digest
@@ -168,6 +169,7 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
         "train": train,
         "validation": validation,
         "test": test,
+        "in_groups": in_groups(record.data),
         "image_size": record.data.image_size,
         "source": _origin(run, subject.folder),
         "of_which": " (the first run; the others say theirs)" if is_sweep else "",

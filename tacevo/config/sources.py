@@ -91,6 +91,16 @@ def _lacking(name: str, config: RunConfig) -> list[str]:
     return [words for words, holds in _NEEDS.get(name, ()) if not holds(config)]
 
 
+def are_grouped(data: Mapping[str, Json], task: str) -> bool | None:
+    """Answer whether images of some settings of `data` come in groups; None where a file says so, and no setting."""
+    source = str(data["source"])
+    if source in (DataSource.numpy, DataSource.table):
+        return None
+    if source == DataSource.tacverse and task == RecordedTask.grating:
+        return True
+    return source != DataSource.simulated and any(data.get(name) for name in ("group_column", "group_pattern"))
+
+
 def unused(config: RunConfig) -> frozenset[str]:
     """Return the settings of `data` without effect in a configuration, by their names there."""
     used = {name for name in USED[config.data.source] if not _lacking(name, config)}

@@ -4,7 +4,9 @@ Promises: `read` returns unchanged what `write` left on disk; every value that t
 fingerprint. It does not check the images again on reading: that is what comparing `fingerprint` is for.
 """
 
+import contextlib
 import hashlib
+import io
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.data.scaling import BLOCK
-from tacevo.errors import DataError
+from tacevo.errors import DataError, StoreError
 from tacevo.records import DataFacts, Record, to_json
 from tacevo.storage.canonical import canonical
+from tacevo.storage.files import write_durably
 from tacevo.typed import parse
 
 #: Changes when the header or the order of the bytes that enter the fingerprint changes.
@@ -27,6 +30,10 @@ FACTS = "facts.json"
 
 #: The fields of `Dataset` that are kept as one `.npy` file each, in the order in which they are hashed.
 ARRAYS = ("targets", "train", "validation", "test")
+
+#: The groups of the test images, int64 (t,), empty where none are known. Entries of earlier releases lack the file, and
+#: these find no other key in `facts.json`.
+GROUPS = "groups.npy"
 
 #: The fields of `Dataset` that stand in `facts.json` beside the facts.
 STATISTICS = ("mean", "deviation", "offset", "scale")
@@ -95,12 +102,25 @@ def write(dataset: Dataset, directory: Path) -> None:
     """Write everything but the images into a directory, where the images are already."""
     for name in ARRAYS:
         np.save(directory / f"{name}.npy", getattr(dataset, name))
-    facts = {"facts": to_json(dataset.facts), **{name: to_json(getattr(dataset, name)) for name in STATISTICS}}
+    np.save(directory / GROUPS, np.array(dataset.facts.groups, dtype=np.int64))
+    facts = {
+        "facts": to_json(replace(dataset.facts, groups=())),
+        **{name: to_json(getattr(dataset, name)) for name in STATISTICS},
+    }
     (directory / FACTS).write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
+def with_groups(dataset: Dataset, groups: tuple[int, ...]) -> Dataset:
+    """Return a data set that was read with the groups that it lacks, and write them beside it if that can be done."""
+    file = io.BytesIO()
+    np.save(file, np.array(groups, dtype=np.int64))
+    with contextlib.suppress(StoreError):  # a cache that others share may not be ours to write to
+        write_durably(dataset.images.parent / GROUPS, file.getvalue())
+    return replace(dataset, facts=replace(dataset.facts, groups=groups))
+
+
 def read(directory: Path) -> Dataset:
-    """Read what `write` left in a directory, without reading the images.
+    """Read what `write` left in a directory, without reading the images; without groups where their file is missing.
 
     Raises:
         DataError: a file is missing or damaged.
@@ -110,8 +130,15 @@ def read(directory: Path) -> Dataset:
         text = (directory / FACTS).read_bytes()
         images = (directory / IMAGES).resolve(strict=True)
         arrays = {name: np.load(directory / f"{name}.npy") for name in ARRAYS}
+        groups = np.load(directory / GROUPS) if (directory / GROUPS).exists() else np.empty(0, np.int64)
     except (OSError, ValueError) as error:
         raise DataError(f"the cached data set is damaged ({error})", place=str(directory), remedy=remedy) from error
     kept = parse(_Facts, text, place=str(directory / FACTS), error=DataError, remedy=remedy)
     statistics = {name: getattr(kept, name) for name in STATISTICS}
-    return Dataset(facts=kept.facts, images=images, **arrays, **statistics)
+    try:
+        if groups.dtype != np.int64 or groups.ndim != 1:
+            raise ValueError("a row of integers")
+        facts = replace(kept.facts, groups=tuple(groups.tolist()))
+    except ValueError as error:
+        raise DataError("other values", place=str(directory / GROUPS), expected=str(error), remedy=remedy) from error
+    return Dataset(facts=facts, images=images, **arrays, **statistics)

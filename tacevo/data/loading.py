@@ -99,6 +99,9 @@ def load(
             place=str(directory),
             remedy="delete that directory and start again",
         )
+    if not (directory / datasets.GROUPS).exists():  # an earlier release made it
+        catalogue = source.catalogue() if catalogue is None else catalogue
+        dataset = datasets.with_groups(dataset, _numbered(catalogue, dataset.test))
     return dataset
 
 
@@ -162,6 +165,14 @@ def _place(catalogue: Catalogue, row: int) -> str:
     return f"row {row}" if catalogue.places is None else catalogue.places[row]
 
 
+def _numbered(catalogue: Catalogue, rows: npt.NDArray[np.int64]) -> tuple[int, ...]:
+    """Number the groups of some rows from 0 as they come; nothing where no groups are known."""
+    if catalogue.groups is None:
+        return ()
+    numbers: dict[int, int] = {}
+    return tuple(numbers.setdefault(group, len(numbers)) for group in catalogue.groups[rows].tolist())
+
+
 def _assemble(
     catalogue: Catalogue, images: Path, parts: Split, scaled: _Targets, normalisation: Normalisation
 ) -> Dataset:
@@ -179,6 +190,7 @@ def _assemble(
             outputs=len(catalogue.names),
             names=catalogue.names,
             selected=catalogue.selected,
+            groups=_numbered(catalogue, parts.test),
         ),
         images=images,
         targets=targets,

@@ -16,6 +16,8 @@ from tacevo.export.contents import Exported, spread_of
 from tacevo.export.conversion import BOUND, Converted
 from tacevo.export.onnx_file import INPUT, OPSET
 from tacevo.export.trainings import Like, Trained
+from tacevo.records import DataFacts
+from tacevo.results.grouped import FEWEST, in_groups
 from tacevo.text import as_code, counted, in_markdown, listed, printable
 
 #: As `tacevo.data.sources.image_files` does it; the second where files have more than 8 bits, or a white point is set.
@@ -142,6 +144,7 @@ def _facts(model: Exported) -> dict[str, object]:
         "train": train,
         "validation": validation,
         "tests": tests,
+        "in_groups": in_groups(facts),
         "fingerprint": as_code(facts.fingerprint),
         "sensor": "of a simulated sensor, not of a real one" if source is DataSource.simulated else "recorded",
         "digest": run.digest,
@@ -211,9 +214,18 @@ def _tested(model: Exported) -> dict[str, object]:
     return {
         "differences": listed(differences),
         "bound": f"{BOUND:g}",
+        "resampled": _resampled(model.data.facts),
         "tested": "one training" if count == 1 else f"an ensemble of {count} trainings",
         "study": _studied(model),
     }
+
+
+def _resampled(facts: DataFacts) -> str:
+    """Say what the intervals resample, and whether there is enough of it."""
+    if not facts.is_grouped:
+        return "test images"
+    few = f"; fewer than {FEWEST} are too few, and these intervals too narrow" if facts.units < FEWEST else ""
+    return f"groups of test images that were recorded together ({counted(facts.units, 'group')}{few})"
 
 
 def _studied(model: Exported) -> str:

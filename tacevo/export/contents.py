@@ -101,11 +101,14 @@ class Exported:
 
     @cached_property
     def metrics(self) -> Mapping[str, tuple[float, float, float]]:
-        """Test metrics by name: the value, and an interval over resampled test images."""
+        """Test metrics by name: the value, and an interval over resampled test images, or groups of them if known."""
         predictions, labels = self._predictions(), self.data.targets[self.data.test]
-        draws, count = stream(0, "export"), len(labels)
+        group_of = np.array(self.data.facts.groups or range(len(labels)))
+        members = [np.flatnonzero(group_of == group) for group in range(group_of.max() + 1)]
+        draws, count = stream(0, "export"), len(members)
         value = self._score(predictions, labels)
-        rows = [draws.integers(count, size=count) for _ in range(_RESAMPLES)]
+        groups = (draws.integers(count, size=count) for _ in range(_RESAMPLES))
+        rows = (np.concatenate([members[group] for group in each]) for each in groups)
         drawn = [self._score(predictions[row], labels[row]) for row in rows]
         tail = (1 - _LEVEL) / 2
         ends = {name: np.quantile([one[name] for one in drawn], [tail, 1 - tail]) for name in value}

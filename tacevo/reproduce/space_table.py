@@ -76,6 +76,7 @@ def _simulated(table: SpaceTable) -> DataFacts:
         outputs=len(catalogue.names),
         names=catalogue.names,
         selected=catalogue.selected,
+        groups=(),
     )
 
 
@@ -176,7 +177,7 @@ def retrain_table(table: SpaceTable, count: int | None, draw: int, store: str | 
     if count is not None and count < len(rows):
         rows = sampled(rows, count, draw)
     data = load_same(config, header.data, view)
-    _check_facts(table, data.facts)
+    _check_facts(table, data.facts.as_said_by(header.data))
     if (trivial := trivial_of(config, header.task, data)) != header.trivial:
         place = f"{table.path}, trivial"
         raise DivergenceError(str(header.trivial), place=place, expected=f"{trivial}, by the validation labels")

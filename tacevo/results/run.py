@@ -13,6 +13,7 @@ from typing import Self
 from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
 from tacevo.config.identity import identity, task_hash
 from tacevo.config.schema import RunConfig, StoreConfig
+from tacevo.config.sources import are_grouped
 from tacevo.costs import Spending
 from tacevo.environment import doubting
 from tacevo.errors import RunError
@@ -46,7 +47,7 @@ from tacevo.rules import Rules
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import FinishedDirectory, RunDirectory, RunRecord
-from tacevo.text import drawn, listed
+from tacevo.text import counted, drawn, listed
 
 #: How many of the best networks tables and figures look at, as the paper does.
 TOP = 4
@@ -314,4 +315,10 @@ def _check_description(run: RecordedRun) -> None:
             place=f"{run.path}/run.json",
             expected="the configuration, the task and the data that the ledger begins with",
             remedy="restore the file",
+        )
+    if run.facts.groups and are_grouped(to_json(run.config.data), run.task) is False:
+        raise RunError(
+            counted(run.facts.units, "group"),
+            place=f"{run.path}/run.json, data.groups",
+            expected="none, as its configuration names none",
         )

@@ -24,6 +24,7 @@ from tacevo.config.task_texts import contract_of
 from tacevo.errors import BundleError, ConfigError, TacevoError
 from tacevo.profile import Profile
 from tacevo.records import DataFacts, Json, Record, Rejection, Task, Training, to_json
+from tacevo.results.grouped import in_groups
 from tacevo.rules import CURRENT, FIRST_STUDY, KEPT_SINCE, STUDY, Rules
 from tacevo.storage.canonical import canonical, content_hash, readable
 from tacevo.storage.entries import ReadBudget
@@ -505,8 +506,8 @@ def card(header: Header, networks: Sequence[TableNetwork]) -> str:
         f"{len(networks)} networks, {refused} of them refused by the gate; the others trained for {training.epochs} "
         f"epochs with each of {seeds} (batches of {training.batch_size}, Adam, learning rate "
         f"{training.learning_rate:g}, numerics {config.numerics.kind}, {training.device}).\n\n"
-        f"Data: {train} images train, {validation} validate, {test} test, {header.data.image_size} px; fingerprint "
-        f"{in_markdown(header.data.fingerprint)}.\n\n    {canonical(kept)}\n\n"
+        f"Data: {train} images train, {validation} validate, {test} test{in_groups(header.data)}, "
+        f"{header.data.image_size} px; fingerprint {in_markdown(header.data.fingerprint)}.\n\n    {canonical(kept)}\n\n"
         f"Space (`llm.space`):\n\n    {canonical(None if config.llm.space is None else to_json(config.llm.space))}\n\n"
         f"Versions: {_claimed(header.versions)}\n\nMachine: {_claimed(header.machine)}\n\n"
         "`table.json` holds the configuration, `networks.jsonl` a network a line (genome, source, profile), "

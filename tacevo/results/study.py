@@ -47,6 +47,9 @@ class RecordedStudy(Design):
     scores: tuple[ScoreLine, ...]
     #: The accuracy that no network can expect to exceed on these data; None where it is not known.
     ceiling: float | None = None
+    #: Whether its images come in groups by the settings of its run, and it does not say in which, being of an earlier
+    #: release.
+    lacks_groups: bool = False
 
     @property
     def kind(self) -> Kind:

@@ -180,3 +180,12 @@ def fewest_seeds(alpha: float) -> int:
     Of the C(2S, S) orders, which are equally likely without a difference, the two extreme ones have the smallest p.
     """
     return next(seeds for seeds in itertools.count(1) if rounded(2 / math.comb(2 * seeds, seeds)) <= alpha)
+
+
+def fewest_groups(alpha: float) -> int:
+    """Return the least number of groups of test images whose two-sided signed-rank test can be significant at a level.
+
+    Of the 2^n assignments of signs, which are equally likely without a difference, the two extreme ones have the
+    smallest p.
+    """
+    return next(groups for groups in itertools.count(1) if rounded(2 / 2**groups) <= alpha)

@@ -17,6 +17,7 @@ from tacevo.evolution.lines import (
     skipped_note,
 )
 from tacevo.evolution.reevaluation import fitness_by_id
+from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import significant
 from tacevo.text import counted, drawn, in_markdown, listed, table
@@ -85,9 +86,9 @@ def data_in_words(run: RecordedRun) -> str:
     facts, trivial = run.record.data, run.record.trivial
     train, validation, test = facts.counts
     return (
-        f"Data {facts.fingerprint[:12]}: {train} training, {validation} validation and {test} test images of "
-        f"{facts.image_size} x {facts.image_size} pixels; the test images play no part in a search."
-        + ("" if trivial is None else f" The trivial loss, {TRIVIAL}: {_number(trivial)}.")
+        f"Data {facts.fingerprint[:12]}: {train} training, {validation} validation and {test} test images"
+        f"{in_groups(facts)} of {facts.image_size} x {facts.image_size} pixels; the test images play no part in a "
+        "search." + ("" if trivial is None else f" The trivial loss, {TRIVIAL}: {_number(trivial)}.")
     )
 
 

@@ -82,6 +82,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         duplicates=tuple(tuple(map(image, rows)) for rows in equal_images(pixels)),
         constant=tuple(map(image, constant_images(pixels))),
         groups=None if groups is None else tuple(np.unique(groups, return_counts=True)[1].tolist()),
+        test_groups=None if groups is None else facts.units,
         groups_chosen_by=catalogue.groups_chosen_by,
         nearly_equal=tuple((image(row), image(other)) for row, other in alike),
         prompt=told(task),

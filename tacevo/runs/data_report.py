@@ -7,6 +7,7 @@ import pandas as pd
 
 from tacevo.choices import DataSource
 from tacevo.records import Json, Kind
+from tacevo.results.grouped import FEWEST
 from tacevo.text import counted, unbroken
 
 #: Equal or constant images that the report spells out before it only counts them; the JSON lists all.
@@ -73,6 +74,8 @@ class Inspection:
     constant: tuple[Image, ...]
     #: How many images were recorded together, of each group; None where no groups are known.
     groups: tuple[int, ...] | None
+    #: How many of them have images in the test part.
+    test_groups: int | None
     #: The setting that names them, if one does.
     groups_chosen_by: str | None
     #: Images that are nearly equal to one of an earlier part, each with that one.
@@ -143,7 +146,9 @@ def _groups(data: Inspection) -> str:
     each = counted(most, "image") if least == most else f"{least} to {most} images"
     kept = "no two images share one" if most == 1 else "none in two parts"
     chosen_by = "" if data.groups_chosen_by is None else f" ({data.groups_chosen_by})"
-    return f"{len(data.groups)} of {each}, {kept}{chosen_by}"
+    tested = data.test_groups or 0
+    few = f", each of which counts once: too few for tests over them, which take {FEWEST}" if tested < FEWEST else ""
+    return f"{len(data.groups)} of {each}, {kept}{chosen_by}; {tested} for the test{few}"
 
 
 def _equal_lines(data: Inspection) -> Iterator[str]:

@@ -41,6 +41,13 @@ def load_same(config: RunConfig, facts: DataFacts, view: Progress, *, catalogue:
             expected=f"the run's data set, of fingerprint {facts.fingerprint[:12]}",
             remedy="restore the data set of the run",
         )
+    if facts.groups not in {(), data.facts.groups}:
+        raise DataError(
+            "one whose test images are in other groups",
+            place=f"data={config.data.source}",
+            expected="the run's data set, with the groups that the run recorded",
+            remedy="restore the data set of the run",
+        )
     return data
 
 

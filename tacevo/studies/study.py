@@ -23,6 +23,7 @@ from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
+from tacevo.results.grouped import FEWEST, images_tested
 from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
 from tacevo.results.publishable import other_device, other_settings
 from tacevo.results.run import RecordedRun, read_run
@@ -169,6 +170,7 @@ def _carry_out(plan: _Plan, wanted: int, view: Progress, elsewhere: DataConfig |
     else:
         data = load_data(run, view, catalogue=catalogue)
         plan = _moved(plan, elsewhere, data.facts)
+    plan = _grouped(plan, data.facts)
     remove_leftovers_in_stores(Path(run.store.root))
     directory = find_study(plan.run.directory.path, plan.header, searched=bool(plan.run.answered))
     units = units_of(catalogue) if data.scale and catalogue is not None else ()
@@ -254,6 +256,7 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
         planned=recorded.plan,
         rules=recorded.rules,
     )
+    plan = _grouped(plan, recorded.data)
     if recorded.other_data and recorded.data.fingerprint != run.record.data.fingerprint:
         plan = replace(plan, header=replace(plan.header, data=recorded.data, other_data=recorded.other_data))
     place = f"{study.path}/study.json"
@@ -283,7 +286,7 @@ def _check_data(recorded: StudyRecord, data: Dataset, place: str) -> None:
     Raises:
         DivergenceError: it says something else.
     """
-    facts = replace(data.facts, selected=recorded.data.selected)  # which an older record does not say
+    facts = data.facts.as_said_by(recorded.data)
     said = {"data": (recorded.data, facts), "scale": (tuple(recorded.scale), tuple(data.scale))}
     for name, (told, loaded) in said.items():
         if told != loaded:
@@ -361,6 +364,14 @@ def _moved(plan: _Plan, data: DataConfig, facts: DataFacts) -> _Plan:
     return replace(plan, header=replace(plan.header, data=facts, other_data=differing))
 
 
+def _grouped(plan: _Plan, data: DataFacts) -> _Plan:
+    """Return the plan with the groups of the test images, which a run of an earlier release does not name."""
+    header = plan.header
+    if header.terms is None or header.data.groups or header.data.fingerprint != data.fingerprint:
+        return plan
+    return replace(plan, header=replace(header, data=replace(header.data, groups=data.groups)))
+
+
 def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: int, view: Progress) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
     what = "study" if plan.header.terms else "noise run"
@@ -380,6 +391,12 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
         view.say(
             f"no comparison with the baseline will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "
             f"significant; it takes seeds={needed} or more"
+        )
+    data = plan.header.data
+    if terms is not None and data.units < min(FEWEST, data.counts[2]):
+        view.say(
+            f"{images_tested(data)}, each of which counts once: too few for tests and intervals over them, which take "
+            f"{FEWEST} or more"
         )
 
 

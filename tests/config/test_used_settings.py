@@ -10,7 +10,7 @@ from tacevo.choices import DataSource
 from tacevo.config import arms
 from tacevo.config.compose import compose, compose_elsewhere
 from tacevo.config.schema import DataConfig
-from tacevo.config.sources import USED, check_used
+from tacevo.config.sources import USED, are_grouped, check_used
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
 
@@ -184,3 +184,27 @@ def test_study_on_other_data_is_looked_into() -> None:
     for overrides in (["data.table=a.csv"], ["data=numpy", "data.root=mine.npz", "data.sensor_seed=3"]):
         with refused(ConfigError, place=overrides[-1].partition("=")[0], expected="no value without"):
             compose_elsewhere(run, overrides)
+
+
+@pytest.mark.parametrize(
+    ("source", "task", "setting", "expected"),
+    [
+        ("csv", "force", "group_column", True),
+        ("csv", "force", "group_pattern", True),
+        ("csv", "force", "table", False),
+        ("folder", "grating", "group_pattern", True),
+        ("folder", "grating", "root", False),
+        ("tacverse", "grating", "root", True),
+        ("tacverse", "force", "group_pattern", True),
+        ("tacverse", "force", "root", False),
+        ("numpy", "force", "root", None),
+        ("simulated", "grating", "seed", False),
+        ("made up", "grating", "seed", False),
+    ],
+)
+def test_settings_say_whether_images_come_in_groups(
+    source: str, task: str, setting: str, expected: bool | None
+) -> None:
+    """By a column, a pattern, or presses that the release names; an archive alone knows whether it has some."""
+    settings = dict.fromkeys(field.name for field in fields(DataConfig)) | {"source": source, setting: OTHER[setting]}
+    assert are_grouped(settings, task) is expected

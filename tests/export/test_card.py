@@ -271,6 +271,31 @@ def test_classes_have_names_probabilities_and_metrics(of_classes: Exported) -> N
     assert "recorded_" not in text
 
 
+def with_groups(model: Exported, groups: Sequence[int], predictions: Any) -> Exported:
+    """Return a network with other predictions, whose test images are of these groups."""
+    facts = replace(model.data.facts, groups=tuple(groups))
+    return replace(model, data=replace(model.data, facts=facts), trained=[trained(predictions)])
+
+
+def test_intervals_resample_groups_of_test_images(of_forces: Exported) -> None:
+    """Of one image each they are those without groups, to the last bit; of equal frames as wide as those of presses."""
+    (one,) = of_forces.trained
+    predictions, count = one.weighed.predictions, len(of_forces.data.test)
+    alone = with_groups(of_forces, range(count), predictions)
+    assert alone.metrics == of_forces.metrics
+    assert card(alone) == card(of_forces)
+    frames = np.repeat(of_forces.data.test, 3)
+    facts = replace(of_forces.data.facts, counts=(*of_forces.data.facts.counts[:2], 3 * count))
+    several = replace(of_forces, data=replace(of_forces.data, facts=facts, test=frames))
+    together = with_groups(several, np.repeat(range(count), 3).tolist(), np.repeat(predictions, 3, axis=0))
+    for name, interval in of_forces.metrics.items():
+        assert together.metrics[name] == pytest.approx(interval, rel=1e-6)
+    text = card(together)
+    assert f"{3 * count} for the test (of {count} groups)" in text
+    assert f"resampled groups of test images that were recorded together ({count} groups" in text
+    assert ("too few" in text) is (count < 6)
+
+
 NOT_OF_RECORD = "not those of the record"
 
 

@@ -89,7 +89,18 @@ READ_BACK = [
         outputs=2,
         names=("Fx", "Fy"),
     ),
+    DataFacts(
+        fingerprint="ef",
+        kind=Kind.regression,
+        counts=(8, 1, 4),
+        in_channels=3,
+        image_size=32,
+        outputs=2,
+        names=("Fx", "Fy"),
+        groups=(0, 1, 0, 2),
+    ),
 ]
+GROUPED: dict[str, Any] = json.loads(json.dumps(to_json(READ_BACK[-1])))
 ENUMS = [
     value
     for module in (records, schema)
@@ -102,6 +113,24 @@ ENUMS = [
 def test_record_comes_back_from_json(record: Any) -> None:
     """What went through a file equals what was written, bit for bit."""
     assert convert(type(record), to_json(record), place="store", error=StoreError) == record
+
+
+@pytest.mark.parametrize(
+    "groups",
+    [[0, 1], [0, 0, 0, 0, 0], [0, 2, 1, 3], [1, 1, 1, 1], [0, -1, 0, 0], [0, 0.0, 0, 1], [0, True, 0, 1], 1, "0"],
+)
+def test_groups_that_test_images_cannot_have_are_refused(groups: Any) -> None:
+    """Too few, too many, with a gap, not integers; whoever forges them has to forge sound ones."""
+    plain = {**GROUPED, "groups": groups}
+    with pytest.raises(StoreError):
+        convert(DataFacts, plain, place="run.json, data", error=StoreError)
+
+
+def test_data_without_groups_are_written_as_before() -> None:
+    """Nothing of them stands in a run's files, whose digests stay; each image counts once."""
+    facts, grouped = (record for record in READ_BACK if isinstance(record, DataFacts))
+    assert "groups" not in json.dumps(to_json(facts))
+    assert (facts.units, grouped.units) == (1, 3)
 
 
 @pytest.mark.parametrize("record", [record for record in READ_BACK if hasattr(record, "from_json")])

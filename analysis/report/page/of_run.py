@@ -34,6 +34,7 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
 from tacevo.evolution.run_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
+from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
 from tacevo.results.summary import data_in_words, outcome_in_words, rates_in_words, searched
@@ -310,7 +311,7 @@ def _provenance(run: RecordedRun) -> tuple[tuple[str, str], ...]:
         **({"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}),
         "data source": str(run.config.data.source),
         "data fingerprint": run.facts.fingerprint,
-        "images": f"{train:,} to train, {validation:,} to validate, {test:,} to test",
+        "images": f"{train:,} to train, {validation:,} to validate, {test:,} to test{in_groups(run.facts)}",
         "numerics": str(run.config.numerics.kind),
         "rules": rules_in_words(run.rules),
         "commit": commit,

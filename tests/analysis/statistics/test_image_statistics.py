@@ -12,6 +12,7 @@ from scipy.stats import rankdata, wilcoxon
 
 from analysis.statistics.image_statistics import (
     average,
+    detectable_lead,
     drawn_again,
     mean_difference,
     predicted,
@@ -62,6 +63,96 @@ def test_smaller_error_on_more_images_is_not_always_ahead() -> None:
     test = signed_rank([1.0, 1.0, 1.0, 1.5, 8.0, 7.0], [1.1, 1.2, 1.3, 1.0, 1.0, 1.0])
     assert (test["better"], test["worse"]) == (3, 3)
     assert test["lead"] < 0
+
+
+@given(ERRORS)
+def test_groups_of_one_image_are_images(errors: list[tuple[int, int]]) -> None:
+    """Not a bit of the test changes."""
+    first, second = 0.1 * np.array(errors, dtype=float).T
+    assert signed_rank(first, second, np.arange(len(first))) == signed_rank(first, second)
+
+
+@given(st.integers(0, 99), st.integers(2, 5))
+def test_copies_of_the_images_of_a_group_change_no_test(seed: int, copies: int) -> None:
+    """Each image so many times, in any order: as many frames of one press say what one says."""
+    rng = np.random.default_rng(seed)
+    first, second = rng.exponential(size=(2, 24))
+    groups, order = np.sort([*range(8), *rng.integers(8, size=16)]), rng.permutation(24 * copies)
+    several = [np.repeat(each, copies)[order] for each in (first, second, groups)]
+    assert signed_rank(*several) == signed_rank(first, second, groups)
+
+
+def test_groups_are_tested_by_their_means() -> None:
+    """SciPy's test of the mean differences, however many images a group has."""
+    rng = np.random.default_rng(0)
+    groups = np.repeat(np.arange(12), rng.integers(1, 6, size=12))
+    first, second = rng.exponential(size=(2, len(groups)))
+    means = [(first - second)[groups == group].mean() for group in range(12)]
+    test = signed_rank(first, second, groups)
+    assert test["p"] == pytest.approx(wilcoxon(means).pvalue, rel=1e-6)
+    assert (test["better"], test["worse"]) == (sum(mean < 0 for mean in means), sum(mean > 0 for mean in means))
+
+
+def test_images_of_a_group_are_drawn_together() -> None:
+    """Of four equal frames each: the spread is that of the presses, twice as wide as of so many images alone."""
+    rng = np.random.default_rng(0)
+    presses, groups = rng.normal(size=40), np.repeat(np.arange(40), 4)
+    apart, together = (
+        resampled_means(presses[None, groups], weights, rng=rng).std()
+        for weights in (drawn_again(160, rng=rng), drawn_again(40, rng=rng)[:, groups])
+    )
+    assert together == pytest.approx(presses.std() / np.sqrt(39), rel=0.06)
+    assert together / apart == pytest.approx(2, rel=0.1)
+
+
+def test_groups_keep_what_test_and_interval_promise() -> None:
+    """Of two networks that err alike on other presses, by 15 presses of 3 frames; image by image neither is kept."""
+    rng, presses, images = np.random.default_rng(0), np.repeat(np.arange(15), 3), np.arange(45)
+    shown: dict[str, list[bool]] = {"presses": [], "images": []}
+    covered: dict[str, list[bool]] = {"presses": [], "images": []}
+    for _ in range(400):
+        x, y = (rng.exponential(size=15)[presses] + 0.3 * rng.exponential(size=45) for _ in range(2))
+        by_seed = [each + 0.3 * rng.normal(size=(5, 1)) for each in (x, y)]
+        for name, groups in (("presses", presses), ("images", images)):
+            shown[name].append(signed_rank(x, y, groups)["p"] <= 0.05)
+            weights = drawn_again(int(groups.max()) + 1, rng=rng, resamples=399)[:, groups]
+            drawn = [resampled_means(each, weights, rng=rng) for each in by_seed]
+            between = mean_difference(*by_seed, *drawn)
+            covered[name].append(between.low <= 0 <= between.high)
+    assert np.mean(shown["presses"]) <= 0.08
+    assert np.mean(shown["images"]) > 0.15
+    assert 0.91 <= np.mean(covered["presses"]) <= 0.98
+    assert np.mean(covered["images"]) < 0.88
+
+
+def test_sums_over_groups_of_other_sizes_are_exact() -> None:
+    """A resample that draws the largest group again and again has more images than there are."""
+    rng = np.random.default_rng(0)
+    groups = np.array([0] * 50 + [1, 2, 3, 4, 5])
+    scores, weights = rng.exponential(size=(3, 55)), drawn_again(6, rng=rng, resamples=300)[:, groups]
+    assert weights.sum(axis=1).max() > 55
+    means = resampled_means(scores, weights, rng=np.random.default_rng(2))
+    order = rng.permutation(55)
+    assert (
+        resampled_means(scores[:, order], weights[:, order], rng=np.random.default_rng(2)).tobytes() == means.tobytes()
+    )
+    drawn = np.random.default_rng(2).integers(3, size=(300, 2))
+    exact = [np.average(scores[pair].mean(axis=0), weights=weight) for pair, weight in zip(drawn, weights, strict=True)]
+    assert means == pytest.approx(exact, rel=1e-9)
+
+
+@pytest.mark.parametrize("groups", [15, 40])
+def test_effect_that_groups_detect_is_found_four_times_of_five(groups: int) -> None:
+    """By simulation; Noether's formula is a little careful, as that of two samples is."""
+    effect = detectable_lead(groups, alpha=0.05)
+    assert effect is not None
+    chance, shift = effect
+    rng = np.random.default_rng(0)
+    draws = rng.normal(size=(1000, groups)) + shift
+    assert ((draws[:, 0] + draws[:, 1]) > 0).mean() == pytest.approx(chance, abs=0.03)
+    found = np.mean([wilcoxon(draw).pvalue <= 0.05 for draw in draws])
+    assert 0.78 <= found <= 0.95
+    assert detectable_lead(5, alpha=0.05) is None
 
 
 def test_resampled_means_by_hand() -> None:

@@ -1,6 +1,6 @@
 """Promise: what a study says of its test images follows from the predictions that it keeps, and from nothing else."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from kept import forces, gratings, keep, study_with
 from refusals import refused
+from scipy.stats import wilcoxon
 from sklearn.metrics import accuracy_score, mean_squared_error
 from studies import study_of
 
@@ -210,3 +211,76 @@ def test_baseline_alone_has_no_difference() -> None:
     (table,) = image_tables(alone[0], image_findings(*alone))
     assert [row[3] for row in table.rows] == [None, None]
     assert not any("Difference" in note for note in table.notes)
+
+
+def grouped(study: RecordedStudy, groups: Sequence[int]) -> RecordedStudy:
+    """Return a study whose test images are of these groups."""
+    return replace(study, data=replace(study.data, groups=tuple(groups)))
+
+
+@pytest.mark.parametrize("made", [forces, gratings])
+def test_groups_of_one_image_change_no_number(made: Callable[[], tuple[RecordedStudy, Predictions]]) -> None:
+    """Nor a word of the tables: nothing is said of groups that say nothing."""
+    study, predictions = made()
+    alone = grouped(study, range(len(predictions.labels)))
+    before, after = image_findings(study, predictions), image_findings(alone, predictions)
+    assert all(one.equals(other) for one, other in zip(before, after, strict=True))
+    assert image_tables(alone, after) == image_tables(study, before)
+
+
+def frames_of_presses(frames: int) -> tuple[RecordedStudy, Predictions]:
+    """Return a regression with so many equal frames of each of 30 presses."""
+    _, presses = forces(images=30)
+    return study_with(
+        np.repeat(presses.labels, frames, axis=0),
+        {name: np.repeat(each, frames, axis=1) for name, each in presses.of.items()},
+    )
+
+
+def test_press_counts_once_however_many_frames_it_has() -> None:
+    """No p, no count and no interval says more of three frames than of one; image by image they do."""
+    presses, (study, frames) = image_findings(*frames_of_presses(1)), frames_of_presses(3)
+    together, apart = (image_findings(one, frames) for one in (grouped(study, np.repeat(range(30), 3).tolist()), study))
+    for name in ("better", "worse", "lead", "p", "p_holm", "verdict"):
+        assert together[1][name].equals(presses[1][name])
+    for table, alone, images in zip(together, presses, apart, strict=True):
+        ends = ["difference_low", "difference_high"]
+        assert table[ends].to_numpy() == pytest.approx(alone[ends].to_numpy(), nan_ok=True)
+        widths = [(one.difference_high - one.difference_low).dropna() for one in (table, images)]
+        assert (widths[0] > 1.2 * widths[1]).all()
+    assert (apart[1].p < presses[1].p).all()
+
+
+def test_groups_are_tested_by_the_errors_of_the_ensembles() -> None:
+    """By SciPy, of the mean error of each group, which have 1 to 4 images here."""
+    groups = np.repeat(range(16), [1, 2, 3, 4] * 4)
+    outputs = image_findings(grouped(FORCES, groups.tolist()), FORCE_PREDICTIONS)[1]
+    for one in outputs.itertuples():
+        at = FORCES.names.index(one.output)
+        errors = {
+            name: (FORCE_PREDICTIONS.of[name].astype(float).mean(axis=0) - FORCE_PREDICTIONS.labels)[:, at] ** 2
+            for name in (one.network, "baseline")
+        }
+        differences = errors[one.network] - errors["baseline"]
+        assert one.p == pytest.approx(wilcoxon([differences[groups == each].mean() for each in range(16)]).pvalue)
+        assert one.better + one.worse == 16
+
+
+@pytest.mark.parametrize(("groups", "too_few"), [(7, "fewer than 8 groups"), (8, "")])
+def test_tables_say_of_how_many_groups_the_images_are(groups: int, too_few: str) -> None:
+    """With what so many detect, and a caution where none of the four tests can be significant: 2 / 2^8 x 4 = 0.03."""
+    study = grouped(FORCES, sorted(number % groups for number in range(40)))
+    ensembles, outputs = image_tables(study, image_findings(study, FORCE_PREDICTIONS))
+    for table in (ensembles, outputs):
+        assert any(f"40 test images of {groups} groups" in note for note in table.notes)
+    told = " ".join(outputs.notes)
+    assert too_few in told
+    assert ("too few" in told) is bool(too_few)
+    assert f"Detected by {groups} groups" in told
+    assert not any("too few" in note for note in ensembles.notes)
+
+
+def test_study_that_does_not_record_its_groups_warns() -> None:
+    """In both tables; what to do about it stands there."""
+    for table in image_tables(replace(FORCES, lacks_groups=True), OF_FORCES):
+        assert any("groups" in note and "Study the run again" in note for note in table.notes)

@@ -70,6 +70,16 @@ def test_table_is_network_by_data_set() -> None:
     ]
 
 
+def test_groups_of_test_images_have_a_column_where_some_data_have_them() -> None:
+    """Beside the images, of every data set."""
+    (study, other) = (study for study, _ in both())
+    grouped = replace(study, data=replace(study.data, counts=(8, 1, 6), groups=(0, 0, 0, 0, 1, 1)))
+    (group,) = transfers([(grouped, None), (other, None)])
+    table = transfer_table(group)
+    assert table.columns[1:3] == ("test images", "groups")
+    assert [row[1:3] for row in table.rows] == [(1, 1)] * 3 + [(6, 2)] * 3
+
+
 def test_data_are_named_by_what_tells_them_apart() -> None:
     """What all others than the run's own share is said once, in a note; one that has nothing else is named whole."""
     left_out = (("sensor", "A+B"), ("test_sensor", "A")), (("sensor", "A+B"), ("test_sensor", "B"))

@@ -77,6 +77,15 @@ def test_margin_below_a_test_image_is_told() -> None:
         assert not any("one test image" in note for note in verdicts_table(study, compare(study)).notes)
 
 
+def test_margin_below_a_group_of_test_images_is_told() -> None:
+    """One point of 9 images that are 3 presses: a network that errs on a press more lies outside it."""
+    accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
+    presses = replace(accuracies.data, counts=(8, 1, 9), groups=(0, 0, 0, 1, 1, 1, 2, 2, 2))
+    study = replace(accuracies, data=presses)
+    words = "The margin of equivalence is less than one test group, on average 33.3 percentage points:"
+    assert any(note.startswith(words) for note in verdicts_table(study, compare(study)).notes)
+
+
 def test_outputs_have_a_table() -> None:
     """A row for each network on each output, and the family in a note; of one output there is no such table."""
     wide, narrow = around(0.02, step=0.0001), around(0.004, step=0.0001)

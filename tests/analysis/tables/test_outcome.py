@@ -223,3 +223,16 @@ def test_more_networks_need_more_evidence() -> None:
     crowded = noise_outcome(reestimates(names, [BASELINE, *[wins] * 50]), "force", None).caption
     assert "1 can be called better" in clear
     assert "none can be called better" in crowded
+
+
+def test_images_of_groups_are_counted_with_them() -> None:
+    """So that nobody takes the frames of a press for as many presses."""
+    study = study_of(FOUR)
+    grouped = replace(study, data=replace(study.data, counts=(8, 1, 6), groups=(0, 0, 1, 1, 2, 2)))
+    captions = [
+        study_outcome(one, None, None, record="one draw", is_alone=False, trivial=None).caption
+        for one in (study, grouped, replace(study, lacks_groups=True))
+    ]
+    assert captions[0].endswith("tested on 1 image")
+    assert captions[1].endswith("tested on 6 images of 3 groups")
+    assert captions[2].endswith("tested on 1 image, whose groups are not recorded")

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from greys import Greys
 from refusals import refused
-from small_recordings import loaded, save_arrays, save_folder, save_image
+from small_recordings import loaded, save_arrays, save_folder, save_gratings, save_image
 
 from tacevo.choices import SplitRule
+from tacevo.data import dataset as datasets
 from tacevo.data.loading import split_rows
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.image_files import groups_in
@@ -117,3 +118,49 @@ def test_groups_of_an_archive_are_dealt_out_as_before(tmp_path: Path) -> None:
     catalogue = save_arrays(tmp_path / "a.npz", groups=np.array([0] * 8 + [1, 2, 3, 3])).catalogue()
     assert [part.tolist() for part in parts_of(catalogue, seed=1)] == [[8, 10, 11], [9], [0, 1, 2, 3, 4, 5, 6, 7]]
     assert [part.tolist() for part in parts_of(catalogue, seed=2)] == [[0, 1, 2, 3, 4, 5, 6, 7, 8], [10, 11], [9]]
+
+
+@pytest.mark.parametrize(
+    "chosen", [{"group_column": "press"}, {"group_pattern": r"(p\d+)_\d+\.png$"}, {}], ids=["column", "pattern", "none"]
+)
+def test_groups_of_the_test_images_are_recorded(tmp_path: Path, chosen: dict[str, Any]) -> None:
+    """Numbered from 0 as they come, in the order of the rows; none where none are known. No name of a press stays."""
+    source = replace(save_presses(tmp_path, {f"p{number}": 3 for number in range(20)}), **chosen)
+    data = loaded(source, tmp_path / "cache")
+    presses = [path.name.partition("_")[0] for path in source.catalogue().files or ()]
+    tested = [presses[row] for row in data.test]
+    expected = tuple(map(list(dict.fromkeys(tested)).index, tested)) if chosen else ()
+    assert data.facts.groups == expected
+    assert data.facts.units == (2 if chosen else 6)
+    assert loaded(source, tmp_path / "cache").facts == data.facts
+
+
+def test_groups_of_archives_and_presses_of_the_release_are_recorded(tmp_path: Path) -> None:
+    """Whatever knows groups for the split knows them for the test."""
+    archive = save_arrays(tmp_path / "a.npz", groups=np.array([7, 7, 7, 7, 3, 3, 3, 3, 5, 5, 9, 9]))
+    assert loaded(archive, tmp_path / "cache").facts.units == 1
+    names = [f"{size}_{press}_{frame}.png" for size in ("0.5", "1.0") for press in range(1, 6) for frame in range(2)]
+    gratings = save_gratings(tmp_path / "release", *names)
+    facts = loaded(gratings, tmp_path / "cache", split=SplitRule.release).facts
+    assert facts.groups == (0, 0, 1, 1)
+
+
+def test_data_set_that_an_earlier_release_made_gets_its_groups(tmp_path: Path) -> None:
+    """No image is made again."""
+    source = Greys(count=30, groups=tuple(number // 3 for number in range(30)))
+    made = loaded(source, tmp_path)
+    file = made.images.parent / datasets.GROUPS
+    file.unlink()
+    again = loaded(source, tmp_path, progress=lambda done, total: pytest.fail("an image was made"))
+    assert again.facts == made.facts
+    assert file.exists()
+
+
+def test_damaged_groups_of_a_cached_data_set_are_refused(tmp_path: Path) -> None:
+    """As any other file of it."""
+    source = Greys(count=30, groups=tuple(number // 3 for number in range(30)))
+    file = loaded(source, tmp_path).images.parent / datasets.GROUPS
+    for groups in (np.array([0, 2, 2]), np.array([0, 0]), np.array([0.0, 0.0, 0.0]), np.array([[0, 0, 0]])):
+        np.save(file, groups)
+        with refused(DataError, place=datasets.GROUPS):
+            loaded(source, tmp_path)
