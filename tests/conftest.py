@@ -8,8 +8,10 @@ import ipaddress
 import json
 import os
 import shutil
+import signal
 import socket
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +25,13 @@ from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
     from slurm_cluster import Slurm
+
+# A shell has what it starts in the background ignore Ctrl-C, and so would every process that a test starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# pyribs keeps what it compiles in the home directory or beside itself, and cannot be imported where neither is writable.
+if not os.access(Path.home(), os.W_OK):
+    os.environ.setdefault("NUMBA_CACHE_DIR", f"{tempfile.gettempdir()}/numba-{os.getuid()}")
 
 settings.register_profile("tacevo", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", settings.get_profile("tacevo"), max_examples=400)  # `make test-all`

@@ -266,16 +266,20 @@ class _Watch:
 
     def _has_too_much_memory(self) -> bool:
         """Return whether the whole tree has, or briefly had, more memory than allowed, without what it inherited."""
-        used = sum(max(0.0, self._peak_mib(pid) - self._inherited_mib) for pid in descendants(os.getpid()))
-        return used > self._limits.memory_mib
+        limit = self._limits.memory_mib
+        return self._used_mib() > limit and self._used_mib(is_exact=True) > limit
 
-    def _peak_mib(self, pid: int) -> float:
+    def _used_mib(self, *, is_exact: bool = False) -> float:
+        peaks = (self._peak_mib(pid, is_exact=is_exact) for pid in descendants(os.getpid()))
+        return sum(max(0.0, peak - self._inherited_mib) for peak in peaks)
+
+    def _peak_mib(self, pid: int, *, is_exact: bool) -> float:
         """Return the most memory not backed by files that a process ever held, in MiB, or a little less.
 
         The kernel records the peak of all memory. The limit does not count mapped files; at the peak they took at most
         what this process has seen them take.
         """
-        seen = memory(pid)
+        seen = memory(pid, is_exact=is_exact)
         self._files_mib[pid] = max(seen.of_files, self._files_mib.get(pid, 0.0))
         return max(seen.anonymous, seen.peak - self._files_mib[pid])
 

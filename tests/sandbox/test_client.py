@@ -5,6 +5,7 @@ All of it holds without the kernel's walls, which these tests leave out; test_wa
 
 import os
 import signal
+import tempfile
 import tracemalloc
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -142,10 +143,22 @@ def test_short_peak_of_memory_counts(sandbox: Sandbox) -> None:
     assert death(sandbox, "flash_memory", replace(LIMITS, memory_mib=16)) == Died(Reason.out_of_memory, detail)
 
 
-def test_memory_of_mapped_images_is_free(tmp_path: Path) -> None:
-    """Images that are read through a mapping are shared by all candidates, and do not count."""
-    np.save(tmp_path / "images.npy", np.ones((40 * 2**20,), np.uint8))
-    arrays = {"images": tmp_path / "images.npy"}
+@pytest.fixture
+def folder_in_memory() -> Iterator[Path]:
+    """Make a directory whose files have no disk."""
+    memory = Path("/dev/shm")
+    if not os.access(memory, os.W_OK):
+        pytest.skip("no file system in memory that this user may write to")
+    with tempfile.TemporaryDirectory(dir=memory) as folder:
+        yield Path(folder)
+
+
+@pytest.mark.parametrize("place", ["on a disk", "in memory"])
+def test_memory_of_mapped_images_is_free(place: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    """Images that are read through a mapping are shared by all candidates, and do not count, wherever they lie."""
+    folder = tmp_path if place == "on a disk" else request.getfixturevalue("folder_in_memory")
+    np.save(folder / "images.npy", np.ones((40 * 2**20,), np.uint8))
+    arrays = {"images": folder / "images.npy"}
     with Sandbox(entries=ENTRIES, environment={"OMP_NUM_THREADS": "1"}, arrays=arrays) as fresh:
         finished = fresh.run("sum_images", None, b"", replace(LIMITS, memory_mib=16))
     assert finished == Finished((Frame(40 * 2**20, b""),))

@@ -182,7 +182,7 @@ NOT_PLAIN: list[dict[str, Any]] = [
         for mode in (0o120777, 0o040755, 0o010644, 0o020644, 0o060644, 0o140644, 0o104755, 0, 0o100600)
     ),
     {"date_time": (2026, 11, 24, 12, 0, 0)},
-    {"extra": struct.pack("<HH4s", 0x7075, 4, b"evil")},
+    {"extra": struct.pack("<HHBL4s", 0x7075, 9, 1, 0, b"evil")},
 ]
 
 SENT = "send the file as tacevo wrote it"

@@ -14,7 +14,7 @@ from training_jobs import CONTRACT, RECIPE, SOURCE, Recorder, examples, labelled
 from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, DivergenceError, StoreError
 from tacevo.records import DataFacts, Json, Kind, Limits, Loss, Mode, Reason, Rejection, to_json
-from tacevo.rules import STUDY
+from tacevo.rules import CHOSEN_SINCE, STUDY
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox, Score
 from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
@@ -255,7 +255,7 @@ def test_later_rules_test_the_same_predictions(source: str, jobs: int, sandbox: 
         return sandbox.run(entry, header, payload, limits, score)
 
     asked: Any = {"run": run, "setting": setting}
-    evaluators = [evaluator(tmp_path / f"{rules}", rules=rules, **asked) for rules in (STUDY - 1, STUDY)]
+    evaluators = [evaluator(tmp_path / f"{rules}", rules=rules, **asked) for rules in (CHOSEN_SINCE - 1, STUDY)]
     before, now = (each.evaluate(source, 1) for each in evaluators)
     assert [each.twice for each in evaluators] == [set(), {(source, 1)} if jobs == 2 else set()]
     store = Store(tmp_path, "evaluations")

@@ -63,7 +63,7 @@ def recorded(level: Numerics) -> dict[str, str]:
 
 def compare(levels: Sequence[Numerics] = LEVELS) -> list[Compared]:
     """Compute all recorded results on this CPU, each level in a process of its own: some seconds of one core each."""
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(_compared, levels))
 
 

@@ -90,7 +90,7 @@ def test_table_that_is_no_text_or_cannot_be_read_is_refused(tmp_path: Path, cont
         (tmp_path / "labels.csv").symlink_to("/proc/self/mem")
     else:
         (tmp_path / "labels.csv").write_bytes(content)
-    with refused(DataError, place="labels.csv", got="Input/output error" if content is None else "byte 0x"):
+    with refused(DataError, place="labels.csv", got="cannot be read" if content is None else "byte 0x"):
         source.catalogue()
 
 
