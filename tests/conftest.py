@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # A shell has what it starts in the background ignore Ctrl-C, and so would every process that a test starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# pyribs keeps what it compiles in the home directory or beside itself, and cannot be imported where neither is writable.
+# pyribs keeps what it compiles in the home directory or beside itself, and cannot be imported where it may not.
 if not os.access(Path.home(), os.W_OK):
     os.environ.setdefault("NUMBA_CACHE_DIR", f"{tempfile.gettempdir()}/numba-{os.getuid()}")
 
