@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
@@ -42,6 +42,10 @@ from tacevo.profile import Profile
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study import RecordedStudy, as_study
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory, studies_of
+from tacevo.text import listed
+
+#: What would have other numbers without re-estimates that were made.
+_OF_REESTIMATES = ("table of improvement", "table of pareto", "figure of pareto")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,6 +72,8 @@ class Studies:
     left_out: tuple[str, ...]
     #: Why a study, which is there, has no re-estimates: the stores are elsewhere, for example.
     remarks: tuple[str, ...] = ()
+    #: Why re-estimates that were made cannot be read, by the study: what rests on them would be other numbers.
+    unread: Mapping[str, str] = field(default_factory=dict)
     #: As they were read, also where nothing of them can be shown.
     finished: tuple[FinishedStudy, ...] = ()
 
@@ -105,6 +111,7 @@ def collection_of(run: RecordedRun, studies: Studies) -> Collection:
         reestimates=studies.reestimates,
         left_out=studies.left_out,
         remarks=(*(missed for _, reasons in on_images for missed in reasons), *studies.remarks),
+        unread=studies.unread,
         finished=studies.finished,
     )
 
@@ -134,6 +141,7 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
     """Return studies that were read, compared; reasons as in `read_studies`."""
     studies, reestimates, left_out = [], [], []
     remarks: list[str] = []
+    unread: dict[str, str] = {}
     known = tuple(finished)
     for one in known:
         if one.record.terms is not None:
@@ -148,13 +156,18 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
             remarks += reasons
         try:
             reestimates.append(load_reestimates(one, run.config, run.facts.fingerprint, run.stores))
-        except (RunError, StoreError) as error:
+        except (CacheMissError, StoreError) as error:
+            unread[one.path.name] = f"no re-estimates by {one.path.name}: {_reason(error, run)}"
+        except RunError as error:
             (left_out if one.record.terms is None else remarks).append(f"no re-estimates: {_reason(error, run)}")
+    if unread:
+        remarks += [*unread.values(), f"no {listed(_OF_REESTIMATES)}, which rest on these re-estimates"]
     return Studies(
         studies=tuple(studies),
         reestimates=tuple(again for again in reestimates if again is not None),
         left_out=tuple(left_out),
         remarks=tuple(remarks),
+        unread=unread,
         finished=known,
     )
 
@@ -284,14 +297,15 @@ def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) ->
     Without the profiles of its trained candidates, by id, there is no table of motifs.
     """
     run = collection.run
-    tables = [
-        improvement_table(run, collection.reestimates),
+    is_read = not collection.unread
+    tables = [improvement_table(run, collection.reestimates)] if is_read else []
+    tables += [
         generations_table(run, collection.niches.networks),
         gate_table(run),
         prompts_table(run),
         instructions_table([run], run.name),
-        pareto_table(run, losses_by_source(collection.reestimates)),
     ]
+    tables += [pareto_table(run, losses_by_source(collection.reestimates))] if is_read else []
     tables += [temperatures_table(run), costs_table(run)]
     tables += [health_table(run, collection.niches.networks), niches_table(run, collection.niches)]
     if run.elites:

@@ -68,6 +68,8 @@ def write_pictures(pictures: Iterable[Picture], directory: Path, endings: Sequen
 def pictures_of(collection: Collection) -> tuple[Picture, ...]:
     """List every figure of a run and its studies; the names of a study's figures begin with its own."""
     pictures = list(run_pictures(collection.run, collection.niches, losses_by_source(collection.reestimates)))
+    if collection.unread:  # its fitnesses would be others
+        pictures = [picture for picture in pictures if picture.name != "pareto"]
     for compared in collection.studies:
         of_study = study_pictures(compared.study, compared.comparisons)
         pictures += [replace(picture, name=f"{compared.name}/{picture.name}") for picture in of_study]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from analysis.studies.comparison import of_whole
 from analysis.studies.reestimates import Reestimates
 from tacevo.api import frames
 from tacevo.api.tables import Table
+from tacevo.errors import RunError
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy as Scored
 from tacevo.results.study import as_study
@@ -36,8 +37,12 @@ class Study:
         compared: Compared | None,
         reestimates: Reestimates | None,
         pages: Callable[[str], tuple[Mapping[str, Table], Mapping[str, Callable[[], Figure]]]],
+        *,
+        unread: str = "",
     ) -> None:
         self.recorded_run = run
+        #: Why its re-estimates, which were made, cannot be read; empty where they can be, or there are none.
+        self._unread = unread
         self._finished, self._compared, self._reestimates, self._pages = finished, compared, reestimates, pages
 
     @property
@@ -94,7 +99,11 @@ class Study:
         """A row a network and seed: the recorded fitness, and that under this seed; columns: docs/python.md.
 
         Without rows where the losses are no fitnesses: other data, another recipe, fewer epochs.
+
+        Raises:
+            RunError: the stores do not have its trainings.
         """
+        check_read([self._unread] if self._unread else [])
         return frames.frame([] if self._reestimates is None else _estimated(self._reestimates), frames.REESTIMATES)
 
     @property
@@ -110,11 +119,22 @@ class Study:
     def __repr__(self) -> str:
         header = self._finished.scores.header
         what = "noise run" if self.is_noise else "study"
-        return f"<{what} {self.name}: {len(header.networks)} networks, {header.seeds} seeds>"
+        facts = f"{what} {self.name}: {len(header.networks)} networks, {header.seeds} seeds"
+        return "; ".join([f"<{facts}", *([self._unread] if self._unread else [])]) + ">"
 
     def _repr_html_(self) -> str:
         shown = self.reestimates if self.is_noise else self.verdicts
         return f"<p>{html.escape(repr(self)[1:-1])}</p>{shown.to_html(na_rep='')}"
+
+
+def check_read(unread: Iterable[str]) -> None:
+    """Raise where re-estimates that were made cannot be read: without them a fitness would be another number.
+
+    Raises:
+        RunError: there are reasons why some cannot.
+    """
+    for reason in unread:
+        raise RunError(reason)
 
 
 def _score(row: Row) -> dict[str, Any]:

@@ -299,7 +299,8 @@ def add_export(parser: Parser) -> None:
         "overrides",
         metavar="KEY=VALUE",
         nargs="*",
-        help="seeds=K, an ensemble of K trainings; epochs=N; like=study, the default, or like=search; licence=ID",
+        help="seeds=K, an ensemble of K trainings; epochs=N; like=study, the default, or like=search; licence=ID; "
+        "data.root=DIR, if the data set was moved",
     )
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="the directory, which must not exist")
     parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")

@@ -243,7 +243,12 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
 
 
 def _pareto(collection: Collection) -> dict[str, Any]:
-    """Return the fitnesses that are re-estimates, by id, and the ids of the front in loss and FLOPs."""
+    """Return the fitnesses that are re-estimates, by id, and the ids of the front in loss and FLOPs.
+
+    Without re-estimates that were made the front would be another one, so there is none.
+    """
+    if collection.unread:
+        return {"again": {}, "front": []}
     candidates = beside_costs(collection.run, losses_by_source(collection.reestimates))
     again = candidates.fitness[candidates.estimate == REESTIMATED]
     return {"again": again.to_dict(), "front": on_front(candidates, ["fitness", "flops"]).index.tolist()}
