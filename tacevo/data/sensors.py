@@ -151,7 +151,7 @@ def _chosen(asked: Sensors, named: Named) -> list[str]:
     wanted = known if asked.sensor == ALL_SENSORS else asked.sensor.split(AND)
     unknown = [name for name in wanted if name not in known]
     if unknown or len(set(wanted)) < len(wanted):
-        got = asked.sensor if not unknown else f"{listed([name or repr(name) for name in unknown])}, in {asked.sensor}"
+        got = listed([name or repr(name) for name in unknown]) if unknown else asked.sensor
         raise DataError(got, place="data.sensor", expected=f"different {expected}" if not unknown else expected)
     if asked.test_sensor is None:
         return wanted
