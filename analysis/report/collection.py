@@ -16,7 +16,7 @@ from analysis.studies.image_findings import ImageFindings, image_findings
 from analysis.studies.predictions import load_predictions
 from analysis.studies.reestimates import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
-from analysis.studies.transfer import is_alone, transfers
+from analysis.studies.transfer import is_alone, sensor_groups, transfers
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
 from analysis.tables.dynamics import (
@@ -36,7 +36,7 @@ from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
 from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
-from analysis.tables.transfer import transfer_tables
+from analysis.tables.transfer import sensor_table, transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
 from tacevo.results.run import RecordedRun, read_run
@@ -313,6 +313,7 @@ def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) ->
     if profiles is not None:
         tables.append(motifs_table(run, read_anatomies(run, profiles)))
     across = transfers((compared.study, compared.comparisons) for compared in collection.studies)
+    sensors = sensor_groups((compared.study for compared in collection.studies), run.config.data)
     everywhere = [compared.study for compared in (*collection.studies, *collection.passed_over)]
     for compared in collection.studies:
         of_study = [
@@ -321,6 +322,7 @@ def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) ->
         ]
         own = [one for one in across if one[0][0] is compared.study]
         of_study += [table for one in own for table in transfer_tables(one)]
+        of_study += [sensor_table(group) for group in sensors if group[0].study is compared.study]
         tables += [_of_study(table, compared) for table in of_study]
     sources = {candidate.id: candidate.source for candidate in run.candidates}
     for one in collection.reestimates:
