@@ -1,5 +1,6 @@
 """A run gives the same answers from every directory: its stores and its data are looked up from the run as well."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -140,3 +141,33 @@ def test_directory_of_a_bundle_is_looked_through_for_its_data(bundle: Path) -> N
     run = open_run(bundle)
     assert isinstance(run.recorded.directory, RunDirectory)
     assert run.recorded.with_data == run.config
+
+
+def test_missing_data_is_told_before_anything_is_replayed(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Training again needs them, and a replay of a long run takes its time before."""
+    described = json.loads((folder / "run" / "run.json").read_text())
+    described["config"]["data"] |= {"source": "csv", "root": "images", "target_columns": ["Fx", "Fy", "Fz"]}
+    (folder / "run" / "run.json").write_text(json.dumps(described))
+    assert main(["replay", "run", "--retrain", "1"]) == 2
+    told = capfd.readouterr().err
+    assert "data.root" in told
+    assert "replayed" not in told
+
+
+@pytest.mark.slow
+def test_bundle_without_images_says_that_it_holds_none(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Beside the data it is replayed with its trainings; anywhere it is replayed without them."""
+    bundle = recorded.parents[1] / "one.zip"
+    assert main(["publish", str(recorded), "-o", str(bundle)]) == 0
+    assert main(["replay", str(bundle), "--retrain", "1"]) == 0
+    away = recorded.parents[2] / "away"
+    away.mkdir()
+    moved = bundle.rename(away / "one.zip")
+    capfd.readouterr()
+    assert main(["replay", str(moved), "--retrain", "1"]) == 2
+    told = capfd.readouterr().err
+    assert "a bundle holds none" in told
+    assert "replayed" not in told
+    assert main(["replay", str(moved)]) == 0
