@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from analysis.statistics.tests import sign_p
-from analysis.studies.comparison import of_whole
+from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.studies.metric_names import metric_name
 from analysis.studies.transfer import OnData, OnSensors, concordance, joint, tested_sensor
 from analysis.table import Cell, Percent, PValue, Table
-from analysis.tables.comparison import score_cell
+from analysis.tables.comparison import margin_in_words, score_cell
 from tacevo.results.study import RecordedStudy
 from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.rounding import rounded
@@ -93,6 +93,7 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
             *([f"Trained with other settings than the run: {first.trained_with}."] if first.other_device else []),
             *([f"All but the run's own have {', '.join(shared)}."] if shared else []),
             *_agreement(studies, shared),
+            *_equivalence(studies, shared),
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "
             "set, and not over data sets; "
             + (
@@ -128,6 +129,19 @@ def _agreement(studies: Sequence[OnData], shared: Sequence[str]) -> list[str]:
         f"The order of the networks by their medians agrees over the data sets with Kendall's W = {agreement:.2f}: 1 "
         "is one order everywhere, 0 is no agreement.",
     ]
+
+
+def _equivalence(studies: Sequence[OnData], shared: Sequence[str]) -> list[str]:
+    """Say of which test p is where a variant is equivalent, and by which margin."""
+    margins = {}
+    for study, comparisons in studies:
+        for one in of_whole(comparisons).itertuples():
+            if one.verdict == Verdict.equivalent:
+                margins[_where(study, shared)] = margin_in_words(study, one.margin)
+    if not margins:
+        return []
+    each = "; ".join(f"{margin} on {where}" for where, margin in margins.items())
+    return [f"Where a variant is equivalent, p is that of the test of equivalence, whose margin is {each}."]
 
 
 def joint_table(studies: Sequence[OnData]) -> Table:
@@ -169,7 +183,7 @@ def _fewest(study: RecordedStudy) -> str:
 def _rows(on: OnData, where: str) -> Iterator[tuple[Cell, ...]]:
     study, comparisons = on
     head = where, study.data.counts[2]
-    verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(comparisons).itertuples()}
+    verdicts = {one.network: (PValue(deciding_p(one)), one.verdict) for one in of_whole(comparisons).itertuples()}
     for network in study.networks:
         median = rounded(float(np.median(study.values(network.name, study.primary))))
         yield *head, network.name, score_cell(study.primary, median), *verdicts.get(network.name, (None, None))
