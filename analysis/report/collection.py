@@ -57,6 +57,8 @@ class Compared:
     study: RecordedStudy
     #: As of `compare`; None where it cannot be compared; its scores are shown all the same.
     comparisons: pd.DataFrame | None
+    #: Why it cannot be compared; empty where it is.
+    uncompared: str = ""
     #: What its test images say; None where it keeps no test predictions, or its store is elsewhere.
     images: ImageFindings | None = None
 
@@ -151,9 +153,10 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
             except RunError as error:
                 left_out.append(_reason(error, run))
                 continue
-            comparisons, reasons = _compared(study, one.path)
-            studies.append(Compared(name=one.path.name, study=study, comparisons=comparisons))
-            remarks += reasons
+            comparisons, why = _compared(study)
+            studies.append(Compared(name=one.path.name, study=study, comparisons=comparisons, uncompared=why))
+            if why and len(study.networks) > 1:  # else that was asked for
+                remarks.append(f"the comparison of {one.path}: {why}")
         try:
             reestimates.append(load_reestimates(one, run.config, run.facts.fingerprint, run.stores))
         except (CacheMissError, StoreError) as error:
@@ -184,14 +187,12 @@ def _finished(directory: StudyDirectory, run: RecordedRun) -> FinishedStudy:
     return finished
 
 
-def _compared(study: RecordedStudy, path: Path) -> tuple[pd.DataFrame | None, list[str]]:
+def _compared(study: RecordedStudy) -> tuple[pd.DataFrame | None, str]:
     """Compare a study; where that fails, return the reason."""
-    if len(study.networks) == 1:  # a baseline alone, as was asked for
-        return None, []
     try:
-        return compare(study), []
+        return compare(study), ""
     except RunError as error:
-        return None, [f"the comparison of {path}: {error}"]
+        return None, str(error)
 
 
 def _on_images(run: RecordedRun, one: Compared) -> tuple[ImageFindings | None, list[str]]:

@@ -228,6 +228,7 @@ class Run:
                 again.get(one.path.name),
                 self._pages_of,
                 unread=collection.unread.get(one.path.name, ""),
+                left_out="; ".join(reason for reason in collection.left_out if one.path.name in reason),
             )
             for one in known
         )

@@ -77,8 +77,14 @@ class Named(Mapping[str, T]):
                 repr(name),
                 place=self._what,
                 expected=f"one of {listed(self._plain)}",
-                remedy="; ".join(self.lacking)
-                or nearest(name, list(self._values), f"list({self._what}) has all, those of each study among them"),
+                remedy="; ".join(
+                    [
+                        nearest(
+                            name, list(self._values), f"list({self._what}) has all, those of each study among them"
+                        ),
+                        *self.lacking,
+                    ]
+                ),
             )
         return self._values[name]
 
