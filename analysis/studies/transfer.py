@@ -30,7 +30,9 @@ def transfers(studies: Iterable[OnData]) -> tuple[tuple[OnData, ...], ...]:
     """
     groups: dict[tuple[str, bool, int], dict[str, OnData]] = {}
     for study, comparisons in studies:
-        key = _shared(study), tested_sensor(study) is not None, _setting(study, "sensor").count("+")
+        sensors = _setting(study, "sensor")
+        joined = -1 if sensors == ALL_SENSORS else sensors.count("+")
+        key = _shared(study), tested_sensor(study) is not None, joined
         groups.setdefault(key, {}).setdefault(study.fingerprint, (study, comparisons))
     return tuple(
         tuple(sorted(group.values(), key=lambda pair: (bool(pair[0].other_data), _by_numbers(pair[0].where))))

@@ -23,6 +23,7 @@ from tacevo.choices import (
     Provider,
     Scale,
     SimulatedSensor,
+    SplitRule,
     SystemTurn,
 )
 from tacevo.config.schema import (
@@ -130,6 +131,8 @@ def _check_data(data: DataConfig) -> None:
     _check_that(counted, "data.images", "a number of images for data=simulated", data.images)
     sensors, parts = data.sensor_column, data.split_column
     _check_that(sensors is None or sensors != parts, "data.split_column", "another one than data.sensor_column", parts)
+    is_split = data.split is SplitRule.random or sensors is None or parts is not None
+    _check_that(is_split, "data.split", "random where no data.split_column names the parts", data.split)
     for name, column in (("sensor_column", sensors), ("split_column", parts)):
         is_level = column is None or data.source is not DataSource.folder or re.fullmatch(r"[1-9]", column)
         expected = "a level of directories with data=folder: 1 for those in data.root, 2 for those in these, up to 9"

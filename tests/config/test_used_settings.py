@@ -139,6 +139,9 @@ def test_sensors_need_what_names_them(source: str) -> None:
     assert compose_elsewhere(run, ["data.test_sensor=A"]).data.test_sensor == "A"
     with refused(ConfigError, place="data.split_seed", expected="data.split_column=null"):
         compose([*settings, "data.split_column=2", "data.split_seed=3"])
+    assert compose([*settings, "data.split_column=2", "data.split=release"]).data.split == "release"
+    with refused(ConfigError, place="data.split", expected="random where no data.split_column"):
+        compose([*settings, "data.sensor_column=1", "data.split=release"])
     with refused(ConfigError, place="data.split_column", expected="another one"):
         compose([*settings, "data.sensor_column=1", "data.split_column=1"])
 

@@ -103,7 +103,17 @@ def _classes_below(root: Path, levels: list[int]) -> dict[str, list[Path]]:
         if not folders:
             expected = f"{level} levels of directories, of which level {own} names the class"
             raise DataError(str(root), place="data.root", expected=expected, remedy=content(root))
+    depth = max(*levels, own)
+    above = [path.relative_to(root).as_posix() for path in image_files(root, "*/**/*")]
+    check_no_faults(
+        f"{root} has images above level {depth}, which no directory names all of",
+        [name for name in above if name.count("/") < depth],
+        "move them into such directories",
+        place="data.root",
+        expected=f"images below {depth} levels of directories, of which level {own} names the class",
+    )
     names = sorted({parts[own - 1] for parts in folders})
+    _check_parts(root, names)
     alike = repeats((name, _key(name)) for name in _ordered(names))
     check_no_faults(f"classes in {root} are there twice", alike, "join or rename them: 0.5 is 0.50, and Wood is wood")
     classes: dict[str, list[Path]] = {name: [] for name in _ordered(names)}

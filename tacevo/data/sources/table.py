@@ -82,9 +82,9 @@ class TableSource(FileSource):
     def describe(self) -> Json:
         """Name the bytes of the table and of every image that is taken."""
         rows = self._read().rows
-        taken, _ = self._taken(rows)
+        own, _ = self._taken(rows)
         return {
-            **self.described(row.path for row in taken),
+            **self.described(row.path for row in own),
             **chosen(self, "group_column"),
             **self.sensors.described(),
             "source": "table",

@@ -112,6 +112,8 @@ def test_sensors_are_one_matrix_whatever_the_protocol() -> None:
         ("a", "A", 0.01, 0.05, None),
     )
     assert any("data.test_sensor=A,B,C" in note for note in table.notes)
+    protocols = [[study.where for study, _ in group] for group in transfers((study, None) for study in studies)]
+    assert [len(one) for one in protocols] == [2, 2]  # within; the others of three: neither across, nor all others
     names = [table.name for table in tables_of(collection(*studies), None)]
     assert names.count("study1/transfer_sensors") == 1
 

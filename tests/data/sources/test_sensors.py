@@ -229,9 +229,20 @@ def test_description_without_names_is_that_of_earlier_versions(tmp_path: Path) -
 
 def test_levels_that_are_not_there_are_refused(tmp_path: Path) -> None:
     """The class needs a level of its own."""
-    source = asking(folders(tmp_path), sensor_column="4")
+    source = folders(tmp_path)
     with refused(DataError, place="data.root", expected="4 levels of directories, of which level 1 names the class"):
+        asking(source, sensor_column="4").catalogue()
+    save_image(tmp_path / "coarse" / "train" / "lost.png", 1)
+    with refused(DataError, place="data.root", got="coarse/train/lost.png", expected="below 3 levels"):
         source.catalogue()
+
+
+def test_parts_are_no_classes_where_another_level_names_sensors(tmp_path: Path) -> None:
+    """As they are not where nothing is named; the remedy is the setting that takes them."""
+    for part in ("train", "val", "test"):
+        save_image(tmp_path / part / "A" / "coarse" / "1.png", 1)
+    with refused(DataError, place="data.root", got="the parts of a split", remedy="data.split_column=1"):
+        Folder(root=tmp_path, image_size=16, sensors=Sensors(sensor_column="2")).catalogue()
 
 
 def test_archive_lacks_an_array_that_is_named(tmp_path: Path) -> None:
