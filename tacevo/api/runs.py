@@ -69,7 +69,7 @@ class Run:
 
     @property
     def config(self) -> RunConfig:
-        """Its settings as they were recorded, such as `run.config.search.generations`."""
+        """Its settings as they were recorded, such as `run.config.search.generations`; `store.root` as it was found."""
         return self.recorded.config
 
     @property
