@@ -40,6 +40,10 @@ class SimulatedSensor(StrEnum):
     TacTip = "TacTip"
 
 
+#: Stands for all sensors that a recording names.
+ALL_SENSORS = "*"
+
+
 class RecordedTask(StrEnum):
     """What recordings of the release's sensors are for: the tasks that come with the project."""
 

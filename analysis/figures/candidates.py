@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from analysis.figures.axes import count_along, name_coinciding, on_loss_axis
 from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.rounding import shown
-from tacevo.data.pictures import WIDTHS
+from tacevo.data.pictures import WIDTHS, ShownFigure
 from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Operator
 
@@ -55,7 +55,7 @@ def lineage(ancestors: pd.DataFrame) -> Figure:
     """
     rows = list(ancestors.tail(ROWS).itertuples())
     height = _HEAD + _ROW * len(rows) + _FOOT
-    figure = Figure(figsize=(WIDTHS["single"], height))
+    figure = ShownFigure(figsize=(WIDTHS["single"], height))
     axes = figure.add_axes((0.03, _FOOT / height, 0.3, _ROW * len(rows) / height))
     places = {one.Index: (one.generation, row) for row, one in enumerate(rows)}
     for one in rows:

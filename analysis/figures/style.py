@@ -13,7 +13,7 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tacevo.data.pictures import WIDTHS, encoded
+from tacevo.data.pictures import WIDTHS, ShownFigure, encoded
 
 #: Okabe and Ito's palette, which people with any colour vision can distinguish (jfly.uni-koeln.de/color).
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -58,7 +58,7 @@ def new_figure(width: str, height: float, *, rows: int = 1, columns: int = 1) ->
     Returns:
         The figure and its axes, row by row.
     """
-    figure = Figure(figsize=(WIDTHS[width], height), layout="constrained")
+    figure = ShownFigure(figsize=(WIDTHS[width], height), layout="constrained")
     return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
 
 

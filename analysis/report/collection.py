@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
@@ -16,7 +16,7 @@ from analysis.studies.image_findings import ImageFindings, image_findings
 from analysis.studies.predictions import load_predictions
 from analysis.studies.reestimates import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
-from analysis.studies.transfer import is_alone, transfers
+from analysis.studies.transfer import is_alone, sensor_groups, transfers
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
 from analysis.tables.dynamics import (
@@ -36,13 +36,17 @@ from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
 from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
-from analysis.tables.transfer import transfer_tables
+from analysis.tables.transfer import sensor_table, transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
 from tacevo.results.grouped import lacks_groups
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study import RecordedStudy, as_study
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory, studies_of
+from tacevo.text import listed
+
+#: What would have other numbers without re-estimates that were made.
+_OF_REESTIMATES = ("table of improvement", "table of pareto", "figure of pareto")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,6 +58,8 @@ class Compared:
     study: RecordedStudy
     #: As of `compare`; None where it cannot be compared; its scores are shown all the same.
     comparisons: pd.DataFrame | None
+    #: Why it cannot be compared; empty where it is.
+    uncompared: str = ""
     #: What its test images say; None where it keeps no test predictions, or its store is elsewhere.
     images: ImageFindings | None = None
 
@@ -69,6 +75,8 @@ class Studies:
     left_out: tuple[str, ...]
     #: Why a study, which is there, has no re-estimates: the stores are elsewhere, for example.
     remarks: tuple[str, ...] = ()
+    #: Why re-estimates that were made cannot be read, by the study: what rests on them would be other numbers.
+    unread: Mapping[str, str] = field(default_factory=dict)
     #: As they were read, also where nothing of them can be shown.
     finished: tuple[FinishedStudy, ...] = ()
 
@@ -106,6 +114,7 @@ def collection_of(run: RecordedRun, studies: Studies) -> Collection:
         reestimates=studies.reestimates,
         left_out=studies.left_out,
         remarks=(*(missed for _, reasons in on_images for missed in reasons), *studies.remarks),
+        unread=studies.unread,
         finished=studies.finished,
     )
 
@@ -135,6 +144,7 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
     """Return studies that were read, compared; reasons as in `read_studies`."""
     studies, reestimates, left_out = [], [], []
     remarks: list[str] = []
+    unread: dict[str, str] = {}
     known = tuple(finished)
     for one in known:
         if one.record.terms is not None:
@@ -145,18 +155,24 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
             except RunError as error:
                 left_out.append(_reason(error, run))
                 continue
-            comparisons, reasons = _compared(study, one.path)
-            studies.append(Compared(name=one.path.name, study=study, comparisons=comparisons))
-            remarks += reasons
+            comparisons, why = _compared(study)
+            studies.append(Compared(name=one.path.name, study=study, comparisons=comparisons, uncompared=why))
+            if why and len(study.networks) > 1:  # else that was asked for
+                remarks.append(f"the comparison of {one.path}: {why}")
         try:
             reestimates.append(load_reestimates(one, run.config, run.facts.fingerprint, run.stores))
-        except (RunError, StoreError) as error:
+        except (CacheMissError, StoreError) as error:
+            unread[one.path.name] = f"no re-estimates by {one.path.name}: {_reason(error, run)}"
+        except RunError as error:
             (left_out if one.record.terms is None else remarks).append(f"no re-estimates: {_reason(error, run)}")
+    if unread:
+        remarks += [*unread.values(), f"no {listed(_OF_REESTIMATES)}, which rest on these re-estimates"]
     return Studies(
         studies=tuple(studies),
         reestimates=tuple(again for again in reestimates if again is not None),
         left_out=tuple(left_out),
         remarks=tuple(remarks),
+        unread=unread,
         finished=known,
     )
 
@@ -173,14 +189,12 @@ def _finished(directory: StudyDirectory, run: RecordedRun) -> FinishedStudy:
     return finished
 
 
-def _compared(study: RecordedStudy, path: Path) -> tuple[pd.DataFrame | None, list[str]]:
+def _compared(study: RecordedStudy) -> tuple[pd.DataFrame | None, str]:
     """Compare a study; where that fails, return the reason."""
-    if len(study.networks) == 1:  # a baseline alone, as was asked for
-        return None, []
     try:
-        return compare(study), []
+        return compare(study), ""
     except RunError as error:
-        return None, [f"the comparison of {path}: {error}"]
+        return None, str(error)
 
 
 def _on_images(run: RecordedRun, one: Compared) -> tuple[ImageFindings | None, list[str]]:
@@ -288,14 +302,15 @@ def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) ->
     Without the profiles of its trained candidates, by id, there is no table of motifs.
     """
     run = collection.run
-    tables = [
-        improvement_table(run, collection.reestimates),
+    is_read = not collection.unread
+    tables = [improvement_table(run, collection.reestimates)] if is_read else []
+    tables += [
         generations_table(run, collection.niches.networks),
         gate_table(run),
         prompts_table(run),
         instructions_table([run], run.name),
-        pareto_table(run, losses_by_source(collection.reestimates)),
     ]
+    tables += [pareto_table(run, losses_by_source(collection.reestimates))] if is_read else []
     tables += [temperatures_table(run), costs_table(run)]
     tables += [health_table(run, collection.niches.networks), niches_table(run, collection.niches)]
     if run.elites:
@@ -303,6 +318,7 @@ def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) ->
     if profiles is not None:
         tables.append(motifs_table(run, read_anatomies(run, profiles)))
     across = transfers((compared.study, compared.comparisons) for compared in collection.studies)
+    sensors = sensor_groups((compared.study for compared in collection.studies), run.config.data)
     everywhere = [compared.study for compared in (*collection.studies, *collection.passed_over)]
     for compared in collection.studies:
         of_study = [
@@ -311,6 +327,7 @@ def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) ->
         ]
         own = [one for one in across if one[0][0] is compared.study]
         of_study += [table for one in own for table in transfer_tables(one)]
+        of_study += [sensor_table(group) for group in sensors if group[0].study is compared.study]
         tables += [_of_study(table, compared) for table in of_study]
     sources = {candidate.id: candidate.source for candidate in run.candidates}
     for one in collection.reestimates:

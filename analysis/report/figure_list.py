@@ -25,7 +25,7 @@ from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches
 from analysis.runs.pareto import beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
-from analysis.studies.comparison import of_whole
+from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.studies.reestimates import losses_by_source
 from analysis.tables.ablation import common_note, temperature_notes
 from tacevo.choices import PromptPolicy
@@ -68,6 +68,8 @@ def write_pictures(pictures: Iterable[Picture], directory: Path, endings: Sequen
 def pictures_of(collection: Collection) -> tuple[Picture, ...]:
     """List every figure of a run and its studies; the names of a study's figures begin with its own."""
     pictures = list(run_pictures(collection.run, collection.niches, losses_by_source(collection.reestimates)))
+    if collection.unread:  # its fitnesses would be others
+        pictures = [picture for picture in pictures if picture.name != "pareto"]
     for compared in collection.studies:
         of_study = study_pictures(compared.study, compared.comparisons)
         pictures += [replace(picture, name=f"{compared.name}/{picture.name}") for picture in of_study]
@@ -167,10 +169,12 @@ def _has_map(run: RecordedRun) -> bool:
 def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tuple[Picture, ...]:
     """List the figures of a study; without comparisons its boxes have no verdicts."""
     verdicts = {
-        one.network: f"{one.verdict}\nHolm's p\n{p_in_words(one.p_holm)}"  # in lines, since boxes stand close
+        one.network: f"{one.verdict}\nHolm's p\n{p_in_words(deciding_p(one))}"  # in lines, since boxes stand close
         for one in of_whole(comparisons).itertuples()
     }
-    ending = "; p is Holm's." if verdicts else "."
+    equal = ", and of an equivalent network that of the test of equivalence"
+    ending = f"; p is Holm's{equal if Verdict.equivalent in set(of_whole(comparisons).verdict) else ''}."
+    ending = ending if verdicts else "."
     data = ", ".join(part for part in (study.task, study.where, study.trained_with) if part)
     words = (
         f"Test results of {study.seeds} training seeds of each network ({data}). Points are seeds, boxes "

@@ -19,6 +19,7 @@ PAPER = {
     "verdicts": "Which networks are better than the baseline, and which are as good?",
     "transfer": "Do the networks keep their advantage on other data?",
     "transfer_joint": "What do all data sets together say of it?",
+    "transfer_sensors": "How good is each network on a sensor that it was not trained on?",
     "noise": "What were the recorded fitnesses worth: losses under other training seeds?",
     "gate": "How many answers became networks, and why were the others rejected?",
     "searches": "Which of these searches found better networks?",

@@ -88,6 +88,15 @@ def late(study: RecordedStudy) -> dict[str, float]:
     return {network.name: rounded(late_ones[network.name] / study.seeds) for network in study.networks}
 
 
+def deciding_p(comparison: Any) -> float:
+    """Return the p, after Holm, of the test that gave a comparison its word: of equivalence, or of a difference.
+
+    `comparison` is a row of `COMPARISONS`, by attribute.
+    """
+    is_equal = comparison.verdict == Verdict.equivalent
+    return float(comparison.p_equivalence_holm if is_equal else comparison.p_holm)
+
+
 def _outputs(study: RecordedStudy) -> list[str]:
     """Name the outputs that variants can be compared on, where the primary metric is a mean over several."""
     measured, margin, baseline = study.scores[0].metrics, study.terms.margin, study.networks[0].name

@@ -17,7 +17,7 @@ from analysis.statistics.seed_noise import agreement, icc, noise, rankings, wort
 from analysis.table import Between
 from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
-from tacevo.errors import RunError
+from tacevo.errors import CacheMissError, RunError
 from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
 from tacevo.results.study_directory import FinishedStudy
 from tacevo.results.study_lines import FailedLine, ScoreLine, StudyHeader, StudyNetwork
@@ -127,7 +127,8 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
         None where its losses are not fitnesses: other data, another recipe, or fewer epochs than the search had.
 
     Raises:
-        RunError: a training of the baseline failed, or the store lacks one.
+        RunError: a training of the baseline failed.
+        CacheMissError: the store lacks a training.
         StoreError: an entry of the store is damaged.
     """
     header, rows, place = finished.scores.header, finished.scores.rows, str(finished.path)
@@ -187,11 +188,11 @@ def _tested(header: StudyHeader, rows: Sequence[ScoreLine]) -> NDArray[np.float6
 def _losses(store: Path, row: ScoreLine) -> tuple[float, ...]:
     path = store / place_of("studies", row.evaluation)
     if not path.exists():
-        raise RunError(
+        raise CacheMissError(
             f"none of {row.network} with seed {row.seed}",
             place=str(store),
             expected="the trainings of the study",
-            remedy="name the stores by --store, or repeat the command of the study",
+            remedy="name the stores by store=DIR or --store DIR, or repeat the command of the study",
         )
     training = read_verdict(FullTraining, "full", read_entry(path).answer, place=str(path))
     if not isinstance(training, FullTraining):

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pandas as pd
@@ -10,6 +10,8 @@ from scipy.stats import friedmanchisquare
 
 from analysis.statistics.tests import blocked_mann_whitney, holm, sign_p
 from analysis.studies.comparison import Verdict
+from tacevo.choices import ALL_SENSORS
+from tacevo.config.schema import DataConfig
 from tacevo.records import to_json
 from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
 from tacevo.results.study_lines import Design
@@ -28,7 +30,9 @@ def transfers(studies: Iterable[OnData]) -> tuple[tuple[OnData, ...], ...]:
     """
     groups: dict[tuple[str, bool, int], dict[str, OnData]] = {}
     for study, comparisons in studies:
-        key = _shared(study), tested_sensor(study) is not None, _setting(study, "sensor").count("+")
+        sensors = _setting(study, "sensor")
+        joined = -1 if sensors == ALL_SENSORS else sensors.count("+")
+        key = _shared(study), tested_sensor(study) is not None, joined
         groups.setdefault(key, {}).setdefault(study.fingerprint, (study, comparisons))
     return tuple(
         tuple(sorted(group.values(), key=lambda pair: (bool(pair[0].other_data), _by_numbers(pair[0].where))))
@@ -50,6 +54,49 @@ def tested_sensor(study: RecordedStudy) -> str | None:
 def _setting(study: RecordedStudy, name: str) -> str:
     """Return a setting of other data as a text, empty where it has none."""
     return str(dict(study.other_data).get(name) or "")
+
+
+#: The settings that say which sensors train and which one is tested.
+_OF_SENSORS = ("sensor", "test_sensor", "shots")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OnSensors:
+    """A study of a run, with the sensors that trained and the one that was tested, in words."""
+
+    study: RecordedStudy
+    trained: str
+    tested: str
+
+
+def sensor_groups(studies: Iterable[RecordedStudy], own: DataConfig) -> tuple[tuple[OnSensors, ...], ...]:
+    """Find the studies of a run that differ in their sensors only, whatever the protocol: one of each pair.
+
+    `own` are the settings of data of the run, which its studies have unless they say otherwise. A group has several
+    pairs of what is trained on and what is tested.
+    """
+    groups: dict[str, dict[tuple[str, str], OnSensors]] = {}
+    for study in studies:
+        settings = {name: getattr(own, name) for name in _OF_SENSORS} | dict(study.other_data)
+        rest = {name: to_json(value) for name, value in study.other_data if name not in _OF_SENSORS}
+        trained, tested = _in_words(str(settings["sensor"]), settings["test_sensor"], settings["shots"])
+        key = content_hash([_shared(study), rest])
+        groups.setdefault(key, {}).setdefault((trained, tested), OnSensors(study=study, trained=trained, tested=tested))
+    return tuple(tuple(group.values()) for group in groups.values() if len(group) > 1)
+
+
+def _in_words(sensor: str, test_sensor: object, shots: object) -> tuple[str, str]:
+    """Say which sensors train, in words that are equal where each of several is left out, and which one is tested."""
+    if test_sensor is None:
+        return sensor, sensor
+    named = sensor.split("+")
+    if test_sensor in named and len(named) == 2:
+        trained = next(name for name in named if name != test_sensor)
+    elif test_sensor in named or sensor == ALL_SENSORS:
+        trained = "all others" if sensor == ALL_SENSORS else f"the others of {sensor}"
+    else:
+        trained = sensor
+    return trained + (f", {shots} shots" if shots else ""), str(test_sensor)
 
 
 def concordance(studies: Sequence[OnData]) -> float | None:

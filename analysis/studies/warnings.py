@@ -26,7 +26,7 @@ _NEAR_SEPARATION = "effects near full separation only, since Noether's formula g
 class Caution(StrEnum):
     """An assumption that fails; the values are what a table says."""
 
-    identical = "all values of a sample are equal, so its seeds show no spread"
+    equal_values = "all values of a sample are equal, so its seeds show no spread"
     ties = "values tie, so p is counted over midranks"
     approximate = "p is a normal approximation, since there are too many values to count"
     spreads = (
@@ -57,7 +57,7 @@ def cautions(x: ArrayLike, y: ArrayLike, *, method: Method, least_p: float, alph
         float(np.diff(np.quantile(np.asarray(one, dtype=np.float64), [0.25, 0.75]))[0]) for one in (x, y)
     )
     conditions = {
-        Caution.identical: min(np.ptp(x), np.ptp(y)) == 0,
+        Caution.equal_values: min(np.ptp(x), np.ptp(y)) == 0,
         Caution.ties: method is Method.exact_ties,
         Caution.approximate: method is Method.normal,
         Caution.spreads: wide > SPREADS * narrow,

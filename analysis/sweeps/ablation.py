@@ -69,8 +69,10 @@ class Comparability(StrEnum):
     comparable = "comparable"
     #: Their settings differ in nothing that a search draws by.
     by_construction = "identical by construction"
-    #: No runs differ; or those that do have one value a seed in both arms, or one value in all.
+    #: No runs differ.
     identical = "identical"
+    #: Runs differ, and have one value a seed in both arms, or one value in all.
+    equal_values = "equal values"
     #: The sweep states that the arm is not tested.
     not_tested = "not tested"
     #: One of both arms has fewer than two runs that differ from the other's of the same seed.
@@ -381,8 +383,10 @@ def _comparability(x: Mapping[int, float], y: Mapping[int, float], *, few: int, 
     `few` is the smaller size of both samples with those that do not differ, and `equal` whether there are runs of the
     arm, none of which differs.
     """
-    if equal or (few >= FEWEST_SEEDS and (x == y or len({*x.values(), *y.values()}) == 1)):
+    if equal:
         return Comparability.identical
+    if few >= FEWEST_SEEDS and (x == y or len({*x.values(), *y.values()}) == 1):
+        return Comparability.equal_values
     if few < FEWEST_SEEDS:
         return Comparability.too_few_seeds
     return Comparability.too_few_differ if min(len(x), len(y)) < FEWEST_SEEDS else Comparability.comparable

@@ -246,8 +246,9 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
         return []
     outside = {Comparability.too_few_seeds, Comparability.by_construction, Comparability.not_tested}
     reference, family = ablation.wanted, int((~kinds.isin(outside)).sum())
-    same, few = (
-        kinds.index[kinds == kind].tolist() for kind in (Comparability.identical, Comparability.too_few_differ)
+    same, level, few = (
+        kinds.index[kinds == kind].tolist()
+        for kind in (Comparability.identical, Comparability.equal_values, Comparability.too_few_differ)
     )
     notes = [
         f"Runs that differ: those that are not the run of {reference} of the same seed, candidate by candidate. All "
@@ -268,8 +269,13 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
     notes += _twin_notes(ablation)
     if same:
         notes.append(
-            f"Identical: {listed(same)}. No run of such an arm differs from that of {reference} of the same seed, or "
-            "those that do have the same values: there is nothing to test. In Holm's correction it counts as p = 1."
+            f"Identical: {listed(same)}. No run of such an arm differs from that of {reference} of the same seed: "
+            "there is nothing to test. In Holm's correction it counts as p = 1."
+        )
+    if level:
+        notes.append(
+            f"Equal values: {listed(level)}. Runs of such an arm differ from those of {reference}, and have the same "
+            "values: there is nothing to test. In Holm's correction it counts as p = 1."
         )
     if few:
         notes.append(

@@ -11,7 +11,7 @@ from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, effects_of_constant
 from analysis.statistics.samples import Sample
 from analysis.studies.ceiling import chance_at
-from analysis.studies.comparison import Verdict, late, of_whole
+from analysis.studies.comparison import Verdict, deciding_p, late, of_whole
 from analysis.studies.metric_names import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
@@ -298,6 +298,18 @@ def _method_notes(study: RecordedStudy, variants: pd.DataFrame) -> tuple[str, ..
         "Better and worse: p after Holm is at most alpha, and the interval of A12 does not hold 0.5. Equivalent: that "
         "is not so, and p of equivalence after Holm is at most alpha. Undecided: neither.",
     )
+
+
+def margin_in_words(study: RecordedStudy, width: float) -> str:
+    """Write how wide a margin is: `1 pt` of a share of images, or in the unit of training."""
+    return f"{100 * width:.3g} pt" if study.primary in SHARES else shown(width)
+
+
+def verdict_in_words(study: RecordedStudy, comparison: Any) -> str:
+    """Write the word of a comparison with the p of the test that gave it: `equivalent (0.014, margin 1 pt)`."""
+    p = shown(PValue(deciding_p(comparison)))
+    margin = f", margin {margin_in_words(study, comparison.margin)}"
+    return f"{comparison.verdict} ({p}{margin if comparison.verdict == Verdict.equivalent else ''})"
 
 
 def _margin(study: RecordedStudy, variants: pd.DataFrame) -> str:

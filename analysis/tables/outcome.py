@@ -10,8 +10,8 @@ from analysis.studies.comparison import late, of_whole
 from analysis.studies.metric_names import SHARES, metric_name
 from analysis.studies.reestimates import Reestimates
 from analysis.studies.warnings import Caution, caution_notes
-from analysis.table import Cell, Percent, PercentBetween, PValue, Table
-from analysis.tables.comparison import score_cell
+from analysis.table import Cell, Percent, PercentBetween, Table
+from analysis.tables.comparison import score_cell, verdict_in_words
 from analysis.tables.noise import BEATS, chance_note
 from tacevo.results.grouped import images_tested
 from tacevo.results.study import RecordedStudy
@@ -92,7 +92,7 @@ def _row(
     cells: dict[str, Cell] = {"network": network.name, "id": network.id, "test": _score(study, network.name)}
     if comparisons is not None:
         variants = of_whole(comparisons).itertuples()
-        verdicts = {one.network: f"{one.verdict} ({shown(PValue(one.p_holm))})" for one in variants}
+        verdicts = {one.network: verdict_in_words(study, one) for one in variants}
         cells["verdict"] = verdicts.get(network.name)
     cells["fitness"] = network.fitness
     if again is not None:

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from analysis.statistics.tests import sign_p
-from analysis.studies.comparison import of_whole
+from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.studies.metric_names import metric_name
-from analysis.studies.transfer import OnData, concordance, joint, tested_sensor
+from analysis.studies.transfer import OnData, OnSensors, concordance, joint, tested_sensor
 from analysis.table import Cell, Percent, PValue, Table
-from analysis.tables.comparison import score_cell
+from analysis.tables.comparison import margin_in_words, score_cell
 from tacevo.results.study import RecordedStudy
 from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.rounding import rounded
@@ -29,6 +29,46 @@ def transfer_tables(studies: Sequence[OnData]) -> list[Table]:
     first, _ = studies[0]
     is_tested = len(first.networks) > 1 and first.seeds > 1 and len(studies) > 1 and not _share_tests(studies)
     return [transfer_table(studies), *([joint_table(studies)] if is_tested else [])]
+
+
+def sensor_table(group: Sequence[OnSensors]) -> Table:
+    """Show the median of each network by the sensors that it was trained on, a row, and the tested one, a column."""
+    first = group[0].study
+    trained = sorted({one.trained for one in group}, key=lambda words: (" " in words or "+" in words, words))
+    tested = sorted({one.tested for one in group})
+    known = {(one.trained, one.tested): one.study for one in group}
+
+    def score(network: str, words: str, sensor: str) -> Cell:
+        study = known.get((words, sensor))
+        if study is None:
+            return None
+        return score_cell(first.primary, rounded(float(np.median(study.values(network, first.primary)))))
+
+    rows = [
+        (network.name, words, *(score(network.name, words, sensor) for sensor in tested))
+        for network in first.networks
+        for words in trained
+    ]
+    has_within = any((sensor, sensor) in known for sensor in tested)
+    lacks = any((words, sensor) not in known for words in trained for sensor in tested)
+    names = ",".join(sensor for sensor in tested if "+" not in sensor)
+    return Table(
+        name="transfer_sensors",
+        caption=f"The networks of {first.task} by training sensor, a row, and test sensor, a column, median test "
+        f"{metric_name(first.primary)}.",
+        columns=("network", "trained on", *(f"tested on {sensor}" for sensor in tested)),
+        rows=tuple(rows),
+        notes=(
+            f"Medians of {counted(first.seeds, 'training seed')} of {counted(first.recipe.epochs, 'epoch')}. Their "
+            "comparisons with the baseline stand in the tables transfer and verdicts.",
+            *(["Where a sensor is tested that trains, its training and its test images differ."] if has_within else []),
+            *(
+                [f"What is empty was not studied; data.sensor={names} data.test_sensor={names} studies each pair."]
+                if lacks
+                else []
+            ),
+        ),
+    )
 
 
 def _share_tests(studies: Sequence[OnData]) -> bool:
@@ -53,6 +93,7 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
             *([f"Trained with other settings than the run: {first.trained_with}."] if first.other_device else []),
             *([f"All but the run's own have {', '.join(shared)}."] if shared else []),
             *_agreement(studies, shared),
+            *_equivalence(studies, shared),
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "
             "set, and not over data sets; "
             + (
@@ -88,6 +129,19 @@ def _agreement(studies: Sequence[OnData], shared: Sequence[str]) -> list[str]:
         f"The order of the networks by their medians agrees over the data sets with Kendall's W = {agreement:.2f}: 1 "
         "is one order everywhere, 0 is no agreement.",
     ]
+
+
+def _equivalence(studies: Sequence[OnData], shared: Sequence[str]) -> list[str]:
+    """Say of which test p is where a variant is equivalent, and by which margin."""
+    margins = {}
+    for study, comparisons in studies:
+        for one in of_whole(comparisons).itertuples():
+            if one.verdict == Verdict.equivalent:
+                margins[_where(study, shared)] = margin_in_words(study, one.margin)
+    if not margins:
+        return []
+    each = "; ".join(f"{margin} on {where}" for where, margin in margins.items())
+    return [f"Where a variant is equivalent, p is that of the test of equivalence, whose margin is {each}."]
 
 
 def joint_table(studies: Sequence[OnData]) -> Table:
@@ -129,7 +183,7 @@ def _fewest(study: RecordedStudy) -> str:
 def _rows(on: OnData, where: str, *, is_grouped: bool) -> Iterator[tuple[Cell, ...]]:
     study, comparisons = on
     head: tuple[Cell, ...] = (where, study.data.counts[2], *([study.data.units] if is_grouped else []))
-    verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(comparisons).itertuples()}
+    verdicts = {one.network: (PValue(deciding_p(one)), one.verdict) for one in of_whole(comparisons).itertuples()}
     for network in study.networks:
         median = rounded(float(np.median(study.values(network.name, study.primary))))
         yield *head, network.name, score_cell(study.primary, median), *verdicts.get(network.name, (None, None))

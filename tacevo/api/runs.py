@@ -18,7 +18,7 @@ from analysis.studies.reestimates import losses_by_source
 from analysis.table import Table as Rows
 from tacevo.api import frames, trusted_network
 from tacevo.api.replaying import digest_of, replay
-from tacevo.api.studies import Study
+from tacevo.api.studies import Study, check_read
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, check_walls
 from tacevo.choices import DataSource
@@ -69,7 +69,7 @@ class Run:
 
     @property
     def config(self) -> RunConfig:
-        """Its settings as they were recorded, such as `run.config.search.generations`."""
+        """Its settings as they were recorded, such as `run.config.search.generations`; `store.root` as it was found."""
         return self.recorded.config
 
     @property
@@ -118,7 +118,9 @@ class Run:
 
         Raises:
             ConfigError: fewer than two objectives, or not such ones.
+            RunError: a study or a noise run trained candidates again, and the stores do not have these trainings.
         """
+        check_read(self.collection.unread.values())
         known = beside_costs(self.recorded, losses_by_source(self.collection.reestimates))
         return on_front(*_with_objectives(known, objectives))
 
@@ -158,7 +160,7 @@ class Run:
         self,
         candidate: str,
         directory: str | os.PathLike[str],
-        *,
+        *other: str,
         retrained: bool = False,
         register: str | None = None,
         uri: str = "",
@@ -170,6 +172,7 @@ class Run:
         Args:
             candidate: its id.
             directory: which must not exist.
+            other: `"data.root=DIR"`, where the data set of the run lies, if it was moved.
             retrained: whether a training that is not recorded, or goes otherwise than recorded, is an error.
             register: the name under which its ONNX model is registered in MLflow as well.
             uri: of that MLflow; empty for the run's own, or else that in MLFLOW_TRACKING_URI.
@@ -192,6 +195,7 @@ class Run:
         from tacevo.export.trainings import ExportSettings
 
         given = convert(ExportSettings, settings, place="export", error=ConfigError)
+        root = self._moved_to(other)
         self._read_source(candidate)
         check_walls(self.place)
         line = next(line for line in self.recorded.candidates if line.id == candidate)
@@ -202,7 +206,7 @@ class Run:
         with progress(quiet, silence=5.0) as view:
             bundle = self.place.digest
             model = write_export(
-                self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view
+                self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view, root=root
             )
             if registry is not None:
                 view.say(registry.take(model, Path(directory)))
@@ -217,14 +221,23 @@ class Run:
         known = [one for one in collection.finished if one.path.name in compared.keys() | again.keys()]
         known.sort(key=lambda one: (bool(one.record.other_data), bool(one.record.other_device), one.path.name))
         return tuple(
-            Study(self.recorded, one, compared.get(one.path.name), again.get(one.path.name), self._pages_of)
+            Study(
+                self.recorded,
+                one,
+                compared.get(one.path.name),
+                again.get(one.path.name),
+                self._pages_of,
+                unread=collection.unread.get(one.path.name, ""),
+                left_out="; ".join(reason for reason in collection.left_out if one.path.name in reason),
+            )
             for one in known
         )
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
         """Every table of `tacevo tables` by name: `gate`, `prompts`; of a study `verdicts`, `STUDY/verdicts`."""
-        return self._named({table.name: Table(table) for table in self.all_tables()[0]}, "run.tables")
+        tables, missing = self.all_tables()
+        return self._named({table.name: Table(table) for table in tables}, "run.tables", missing)
 
     @cached_property
     def figures(self) -> Mapping[str, Draw]:
@@ -272,7 +285,8 @@ class Run:
 
     def __repr__(self) -> str:
         count = len(self.recorded.candidates)
-        return f"<run {self.name}: {self.recorded.task}, {count} candidates, digest {self.digest[:12]}>"
+        facts = f"run {self.name}: {self.recorded.task}, {count} candidates, digest {self.digest[:12]}"
+        return "; ".join([f"<{facts}", *self._lacking()]) + ">"
 
     def _repr_html_(self) -> str:
         facts = {
@@ -281,32 +295,58 @@ class Run:
             "candidates": f"{len(self.recorded.candidates)}, {len(self.recorded.trained)} trained",
             "elites": f"{len(self.recorded.elites)} of {self.recorded.places}",
             "digest": self.digest,
-        }
+        } | ({"missing": "; ".join(self._lacking())} if self._lacking() else {})
         rows = "".join(f"<tr><th>{name}</th><td>{html.escape(str(value))}</td></tr>" for name, value in facts.items())
         return f"<p>run {html.escape(self.name)}</p><table>{rows}</table>{self.elites.head(10).to_html(na_rep='')}"
 
     @cached_property
     def collection(self) -> Collection:
-        """As records: the run with its studies and what their test images say."""
+        """As records: the run with its studies and what their test images say.
+
+        Raises:
+            RunError: its directory is not there any more, as after `os.chdir` where it was opened by a relative path.
+        """
+        if not (self.path / "run.json").exists():
+            got, remedy = "a path that does not exist", "open the run again"
+            raise RunError(got, place=str(self.path), expected="the directory of the run", remedy=remedy)
         return collection_of(self.recorded, read_studies(self.recorded))
 
-    def _named(self, values: Mapping[str, T], what: str) -> Named[T]:
+    def _lacking(self) -> list[str]:
+        """Say that its stores are not there, which its studies, tables and figures need."""
+        return [self.recorded.without_stores] if self.recorded.without_stores else []
+
+    def _named(self, values: Mapping[str, T], what: str, missing: Sequence[str] = ()) -> Named[T]:
         """Add the plain names of a study's: `verdicts` beside `STUDY/verdicts`, of the first study that has one."""
         named = dict(values)
         for study in self.studies:
             below = _below(study.name, values, what)
             named |= {name: value for name, value in below.items() if name not in named}
-        return Named(named, what)
+        return Named(named, what, self._lacking() or [*self.left_out, *missing])
 
     def _draw_samples(self) -> Figure:
         from rich.console import Console
 
         from tacevo.runs.data_check import samples_of_run
 
-        return samples_of_run(self.config, self.recorded.facts, Console(stderr=True))
+        return samples_of_run(self.recorded.with_data, self.recorded.facts, Console(stderr=True))
 
     def _pages_of(self, study: str) -> tuple[Mapping[str, Table], Mapping[str, Draw]]:
-        return _below(study, self.tables, "study.tables"), _below(study, self.figures, "study.figures")
+        lacking = self._lacking() or [reason for reason in self.left_out if study in reason]
+        tables = _below(study, self.tables, "study.tables", lacking)
+        return tables, _below(study, self.figures, "study.figures", lacking)
+
+    def _moved_to(self, other: Sequence[str]) -> str | None:
+        """Return the place of the data set that a user names, in place of the run's."""
+        if not other:
+            return None
+        key, _, root = other[0].partition("=")
+        if len(other) > 1 or key != "data.root" or not root:
+            expected = "data.root=DIR alone, once: all other settings of data are the run's"
+            raise ConfigError(listed(other), place="export", expected=expected)
+        if self.config.data.root is None:
+            source = f"data={self.config.data.source}"
+            raise ConfigError(other[0], place="data.root", expected=f"no value with {source}, which reads no files")
+        return root
 
     def _read_source(self, candidate: str) -> str:
         sources = {line.id: line.source for line in self.recorded.candidates if line.source is not None}
@@ -352,9 +392,10 @@ def remarks_on(run: Run) -> list[str]:
     return remarks
 
 
-def _below(study: str, named: Mapping[str, T], what: str) -> Named[T]:
+def _below(study: str, named: Mapping[str, T], what: str, lacking: Sequence[str] = ()) -> Named[T]:
     begin = f"{study}/"
-    return Named({name.removeprefix(begin): value for name, value in named.items() if name.startswith(begin)}, what)
+    own = {name.removeprefix(begin): value for name, value in named.items() if name.startswith(begin)}
+    return Named(own, what, lacking)
 
 
 def _with_objectives(known: pd.DataFrame, objectives: Sequence[str | pd.Series[Any]]) -> tuple[pd.DataFrame, list[str]]:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from analysis.report.collection import Compared
 from analysis.studies.comparison import of_whole
 from analysis.studies.reestimates import Reestimates
 from tacevo.api import frames
 from tacevo.api.tables import Table
+from tacevo.errors import RunError
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy as Scored
 from tacevo.results.study import as_study
@@ -22,7 +24,6 @@ from tacevo.results.study_lines import FailedLine, Row
 from tacevo.rounding import rounded
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
 
@@ -36,8 +37,15 @@ class Study:
         compared: Compared | None,
         reestimates: Reestimates | None,
         pages: Callable[[str], tuple[Mapping[str, Table], Mapping[str, Callable[[], Figure]]]],
+        *,
+        unread: str = "",
+        left_out: str = "",
     ) -> None:
         self.recorded_run = run
+        #: Why its re-estimates, which were made, cannot be read; empty where they can be, or there are none.
+        self._unread = unread
+        #: Why nothing of it is compared, although it tests networks; empty where its comparison says that.
+        self._left_out = left_out
         self._finished, self._compared, self._reestimates, self._pages = finished, compared, reestimates, pages
 
     @property
@@ -82,19 +90,31 @@ class Study:
         """A row a variant: its comparison with the baseline; columns: docs/python.md.
 
         Mann-Whitney's U and p, p after Holm over all variants, A12 and the difference of medians with intervals, the
-        test of equivalence, a verdict in a word. Without rows where nothing could be compared: a noise run, a baseline
-        alone, too few seeds.
+        test of equivalence, a verdict in a word. Where nothing could be compared (a noise run, a baseline alone, too
+        few seeds), it has no rows, and shows the reason; `frame.attrs["left_out"]` has it, too.
         """
         one = self._compared
         rows = [] if one is None or one.comparisons is None else _verdicts(one.study, one.comparisons)
-        return frames.frame(rows, frames.VERDICTS, index="network")
+        known = frames.frame(rows, frames.VERDICTS, index="network")
+        return known if rows else _Explained.of(known, self._uncompared)
+
+    @property
+    def _uncompared(self) -> str:
+        """Why it has no verdicts."""
+        if self.is_noise:
+            return "a noise run tests nothing; `reestimates` has what it found"
+        return self._left_out if self._compared is None else self._compared.uncompared
 
     @property
     def reestimates(self) -> pd.DataFrame:
         """A row a network and seed: the recorded fitness, and that under this seed; columns: docs/python.md.
 
         Without rows where the losses are no fitnesses: other data, another recipe, fewer epochs.
+
+        Raises:
+            RunError: the stores do not have its trainings.
         """
+        check_read([self._unread] if self._unread else [])
         return frames.frame([] if self._reestimates is None else _estimated(self._reestimates), frames.REESTIMATES)
 
     @property
@@ -110,11 +130,43 @@ class Study:
     def __repr__(self) -> str:
         header = self._finished.scores.header
         what = "noise run" if self.is_noise else "study"
-        return f"<{what} {self.name}: {len(header.networks)} networks, {header.seeds} seeds>"
+        facts = f"{what} {self.name}: {len(header.networks)} networks, {header.seeds} seeds"
+        return "; ".join([f"<{facts}", *([self._unread] if self._unread else [])]) + ">"
 
     def _repr_html_(self) -> str:
         shown = self.reestimates if self.is_noise else self.verdicts
-        return f"<p>{html.escape(repr(self)[1:-1])}</p>{shown.to_html(na_rep='')}"
+        why = "" if self.is_noise or not shown.empty else f"<p>{html.escape(shown.attrs['left_out'][0])}</p>"
+        return f"<p>{html.escape(repr(self)[1:-1])}</p>{why or shown.to_html(na_rep='')}"
+
+
+class _Explained(pd.DataFrame):  # type: ignore[misc]  # pandas comes without types
+    """A frame without rows that shows why."""
+
+    @classmethod
+    def of(cls, frame: pd.DataFrame, reason: str) -> _Explained:
+        explained = cls(frame)
+        explained.attrs["left_out"] = (f"no verdicts: {reason}",)
+        return explained
+
+    @property
+    def _constructor(self) -> Any:
+        return pd.DataFrame  # what is made of it is a frame as any other
+
+    def __repr__(self) -> str:
+        return "\n".join(self.attrs["left_out"])
+
+    def _repr_html_(self) -> str:
+        return "".join(f"<p>{html.escape(reason)}</p>" for reason in self.attrs["left_out"])
+
+
+def check_read(unread: Iterable[str]) -> None:
+    """Raise where re-estimates that were made cannot be read: without them a fitness would be another number.
+
+    Raises:
+        RunError: there are reasons why some cannot.
+    """
+    for reason in unread:
+        raise RunError(reason)
 
 
 def _score(row: Row) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
@@ -59,12 +59,17 @@ class Table:
 class Named(Mapping[str, T]):
     """Values by name; an unknown name is answered with the nearest.
 
+    Args:
+        values: by name.
+        what: they are called, such as `run.tables`.
+        lacking: why others are not there, a sentence each.
+
     Raises:
         ConfigError: on a lookup, there is none of this name.
     """
 
-    def __init__(self, values: Mapping[str, T], what: str) -> None:
-        self._values, self._what = values, what
+    def __init__(self, values: Mapping[str, T], what: str, lacking: Sequence[str] = ()) -> None:
+        self._values, self._what, self.lacking = values, what, tuple(lacking)
 
     def __getitem__(self, name: str) -> T:
         if name not in self._values:
@@ -72,7 +77,14 @@ class Named(Mapping[str, T]):
                 repr(name),
                 place=self._what,
                 expected=f"one of {listed(self._plain)}",
-                remedy=nearest(name, list(self._values), f"list({self._what}) has all, those of each study among them"),
+                remedy="; ".join(
+                    [
+                        nearest(
+                            name, list(self._values), f"list({self._what}) has all, those of each study among them"
+                        ),
+                        *self.lacking,
+                    ]
+                ),
             )
         return self._values[name]
 
@@ -86,7 +98,7 @@ class Named(Mapping[str, T]):
         return name in self._values
 
     def __repr__(self) -> str:
-        return f"<{self._what}: {listed(self._plain)}>"
+        return "; ".join([f"<{self._what}: {listed(self._plain)}", *self.lacking]) + ">"
 
     @property
     def _plain(self) -> list[str]:

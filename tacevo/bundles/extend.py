@@ -59,7 +59,7 @@ def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, c
             expected="a run that searches",
             remedy="`tacevo search` searches the task; `tacevo study networks=` studies more networks",
         )
-    config = continued(recorded.config, overrides, end=end, spent=recorded.training_flops)
+    config = continued(recorded.with_data, overrides, end=end, spent=recorded.training_flops)
     _check_rules(recorded.rules)
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")

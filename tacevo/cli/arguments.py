@@ -109,7 +109,7 @@ examples:
   tacevo study sweep=sweeps/NAME seeds=5              # for `tacevo ablations`, which compares arms by these test scores
   tacevo study sweep=sweeps/NAME arms=none,drift      # of two of its arms
   tacevo study networks=library/force/published task=force data.image_size=64
-  tacevo study networks=[a.py,b.py] task=grating data=tacverse data.root=DIR
+  tacevo study networks=[a.py,b.py] task=grating data=tacverse data.root=DIR data.sensor=A,B   # each, and a table
   tacevo study task=hardness                          # the baseline alone
 
 Beside networks= and task=, settings of `tacevo search` hold for the run that the networks are recorded in: task, data,
@@ -297,7 +297,8 @@ def add_export(parser: Parser) -> None:
         "overrides",
         metavar="KEY=VALUE",
         nargs="*",
-        help="seeds=K, an ensemble of K trainings; epochs=N; like=study, the default, or like=search; licence=ID",
+        help="seeds=K, an ensemble of K trainings; epochs=N; like=study, the default, or like=search; licence=ID; "
+        "data.root=DIR, if the data set was moved",
     )
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="the directory, which must not exist")
     parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")

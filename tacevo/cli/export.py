@@ -14,10 +14,11 @@ from tacevo.export.trainings import ExportSettings
 
 def run_export(options: argparse.Namespace) -> int:
     """Write a network as a directory of its own."""
-    settings = _settings(options.overrides)
+    other = [text for text in options.overrides if text.startswith("data.")]
+    settings = _settings([text for text in options.overrides if text not in other])
     run = open_run(options.run, store=existing_store(options.store))
     to = {"register": options.register, "uri": options.uri}
-    run.export(options.candidate, options.output, retrained=options.retrained, **to, **settings)
+    run.export(options.candidate, options.output, *other, retrained=options.retrained, **to, **settings)
     tell(f"{options.output}: README.md says how to use it")
     return DONE
 
@@ -29,7 +30,7 @@ def _settings(overrides: Sequence[str]) -> dict[str, Any]:
     for text in overrides:
         key, _, value = text.partition("=")
         if key not in known or key in settings or not value:
-            expected = f"{', '.join(known)}, each once, as KEY=VALUE"
+            expected = f"{', '.join([*known, 'data.root'])}, each once, as KEY=VALUE"
             raise ConfigError(text[:100], place="tacevo export", expected=expected, remedy="see tacevo export --help")
         settings[key] = int(value) if re.fullmatch(r"\d{1,9}", value) else value
     return settings

@@ -11,11 +11,15 @@ from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.verify import Rerun, Verified
 from tacevo.cli.common import DONE, existing_store, tell
 from tacevo.costs import in_words, total
+from tacevo.errors import DataError
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
+from tacevo.results.settings import settings_of
 from tacevo.results.space_table import is_table, read_table
+from tacevo.results.whereabouts import found_data
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import counted, listed
 
 #: How many draws there are: more than an author can prepare for, and few digits to type again.
@@ -30,6 +34,7 @@ def run_replay(options: argparse.Namespace) -> int:
         place = opened(Path(options.run))
         if options.retrain is not None:
             check_walls(place)
+            _check_data(place)
         # The --store of a published run is for the images of --retrain, and need not exist yet.
         done = replay(place, None if place.digest else existing_store(options.store), view)
         told = _told(place, done)
@@ -100,6 +105,28 @@ def _told(origin: Opened, done: Verified) -> list[str]:
     if done.entries is not None:
         told += [f"all {done.entries} store entries were needed", f"bundle digest: {origin.digest}"]
     return told
+
+
+def _check_data(place: Opened) -> None:
+    """Check that the data sets of recorded runs are there before anything is replayed, which may take long.
+
+    Raises:
+        DataError: one is not.
+    """
+    for run in place.runs:
+        directory = RunDirectory(run)
+        config = settings_of(directory)
+        root = found_data(directory, config)
+        if root is None or Path(root).exists():
+            continue
+        holds_none = "" if place.digest is None else ": a bundle holds none"
+        where = "" if place.digest is None else ", or beside the bundle"
+        raise DataError(
+            f"{root}, which is not there",
+            place=f"data.root of {directory.read_run().name}",
+            expected=f"the data set of the run (data={config.data.source}){holds_none}",
+            remedy=f"lay it as {root} into the working directory{where}; without --retrain, nothing needs it",
+        )
 
 
 def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress) -> str:

@@ -11,15 +11,16 @@ from typing import TypeVar
 from rich.console import Console
 
 from analysis.report.collection import outcomes, read_studies
-from analysis.studies.transfer import transfers
+from analysis.studies.transfer import sensor_groups, transfers
 from analysis.tables.plan import plan_table
-from analysis.tables.transfer import transfer_tables
+from analysis.tables.transfer import sensor_table, transfer_tables
 from tacevo.api.planning import planned_from, write_plan
 from tacevo.choices import DataSource
 from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
 from tacevo.cli.tables import print_table, say
 from tacevo.config.compose import compose_elsewhere, compose_noise, compose_study, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
+from tacevo.config.schema import RunConfig
 from tacevo.config.sources import is_elsewhere
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.environment import as_typed
@@ -33,6 +34,12 @@ from tacevo.studies.given_run import record_given
 from tacevo.studies.of_sweep import estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import as_override, counted, listed
+
+#: What a study on its run's own data is called.
+_OWN = "the run's own data"
+
+#: The settings of a study that tests another sensor than it trains on.
+_ACROSS = ("data.test_sensor=", "data.shots=")
 
 #: What to do where trainings of a study fail.
 _REMEDY = "raise seconds= or memory_mib=, or lower elites="
@@ -70,9 +77,15 @@ def _composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[st
 def run_study(options: argparse.Namespace) -> int:
     """Study networks."""
     if not _runs(options.overrides) and gives_networks(options.overrides):
-        config, run, files = compose_given(options.overrides)
+        first, *others = _each_data(options.overrides)
+        config, run, files = compose_given(first)
+        every = _within(run, [[], *others])
         with Progress() as view:
-            studied = study(replace(config, run=str(record_given(run, files, view))), view)
+            config = replace(config, run=str(record_given(run, files, view)))
+        if len(every) > 1:
+            return _study_each(config, every)
+        with Progress() as view:
+            studied = study(config, view)
     else:
         other = [override for override in options.overrides if is_elsewhere(override)]
         config = _composed(compose_study, [override for override in options.overrides if override not in other])
@@ -83,7 +96,8 @@ def run_study(options: argparse.Namespace) -> int:
         if RunDirectory(Path(config.run or "")).read_run().task.given:
             check_unchosen(options.overrides)
         if len(each := [*product(*spread(other))] if other else [()]) > 1:
-            return _study_each(config, each)
+            own = replace(read_run(Path(config.run or ""), config.store.root).with_data, executor=config.executor)
+            return _study_each(config, _within(own, each))
         with Progress() as view:
             studied = study(config, view, other)
     _introduce(studied, "study")
@@ -91,16 +105,44 @@ def run_study(options: argparse.Namespace) -> int:
     return _end(studied, _REMEDY)
 
 
+def _each_data(overrides: Sequence[str]) -> list[list[str]]:
+    """Write the settings of given networks on several data sets as those of the first, and what others have instead."""
+    several = [word for word in overrides if is_elsewhere(word)]
+    each = [list(words) for words in product(*spread(several))]
+    first = each[0]
+    named = dict(word.split("=", 1) for word in first)
+    if named.get("data.test_sensor") == named.get("data.sensor"):  # which is within that sensor, as of `_within`
+        first = [word for word in first if not word.startswith(_ACROSS)]
+    usual = [word for word in overrides if word not in several]
+    return [[*usual, *first], *([word for word in words if word not in first] for words in each[1:])]
+
+
+def _within(own: RunConfig, each: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Check the settings of several studies before the first of them is trained.
+
+    A sensor that is tested and would train alone is studied within itself, so lists of both give each pair of sensors.
+    """
+    checked: list[list[str]] = []
+    for words in each:
+        settings, data = list(words), compose_elsewhere(own, words).data
+        if data.test_sensor is not None and data.test_sensor == data.sensor:
+            settings = [word for word in words if not word.startswith(_ACROSS)]
+            settings += ["data.test_sensor=null"] if own.data.test_sensor is not None else []
+            settings += ["data.shots=0"] if own.data.shots else []
+            compose_elsewhere(own, settings)
+        if settings not in checked:
+            checked.append(settings)
+    return checked
+
+
 def _study_each(config: StudyConfig, each: Sequence[Sequence[str]]) -> int:
     """Study the same networks on each of several data sets, or devices, and set them side by side."""
     run = read_run(Path(config.run or ""), config.store.root)
-    for other in each:  # before the first is trained
-        compose_elsewhere(replace(run.config, executor=config.executor), other)
     statuses, done = [], dict[str, Studied]()
     for other in each:
         with Progress() as view:
             studied = study(config, view, other)
-        _introduce(studied, f"study of {' '.join(other)}")
+        _introduce(studied, f"study of {' '.join(other) or _OWN}")
         statuses.append(_end(studied, _REMEDY))
         done[studied.directory.name] = studied
     # Of several studies on equal data a table takes the first: let it be the one that was asked for.
@@ -111,6 +153,9 @@ def _study_each(config: StudyConfig, each: Sequence[Sequence[str]]) -> int:
         for table in transfer_tables(group) if members else ():
             print_table(table, Console())
         told |= members
+    for sensors in sensor_groups((one.study for one in studies), run.config.data):
+        if any(id(one.study) in own for one in sensors):
+            print_table(sensor_table(sensors), Console())
     for name in [name for name in done if name not in told]:  # nothing can be set beside it
         _show(done[name], config.store.root)
     if told:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from fractions import Fraction
 from itertools import combinations
 from urllib.parse import urlsplit
@@ -22,6 +23,7 @@ from tacevo.choices import (
     Provider,
     Scale,
     SimulatedSensor,
+    SplitRule,
     SystemTurn,
 )
 from tacevo.config.schema import (
@@ -127,6 +129,14 @@ def _check_data(data: DataConfig) -> None:
     _check_that(made, "data.sensor", f"{', '.join(SimulatedSensor)} for data=simulated", data.sensor)
     counted = data.images is not None or not simulated
     _check_that(counted, "data.images", "a number of images for data=simulated", data.images)
+    sensors, parts = data.sensor_column, data.split_column
+    _check_that(sensors is None or sensors != parts, "data.split_column", "another one than data.sensor_column", parts)
+    is_split = data.split is SplitRule.random or sensors is None or parts is not None
+    _check_that(is_split, "data.split", "random where no data.split_column names the parts", data.split)
+    for name, column in (("sensor_column", sensors), ("split_column", parts)):
+        is_level = column is None or data.source is not DataSource.folder or re.fullmatch(r"[1-9]", column)
+        expected = "a level of directories with data=folder: 1 for those in data.root, 2 for those in these, up to 9"
+        _check_that(bool(is_level), f"data.{name}", expected, column)
     one = data.group_column is None or data.group_pattern is None
     _check_that(
         one, "data.group_pattern", "null beside data.group_column: one of both names the groups", data.group_pattern

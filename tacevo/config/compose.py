@@ -23,7 +23,7 @@ from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
 from tacevo.config.plain import converted, from_plain, near
 from tacevo.config.schema import UNCHOSEN, RunConfig, keys
-from tacevo.config.sources import DEVICE, check_used, is_elsewhere, is_of_data, unused
+from tacevo.config.sources import DEVICE, check_used, is_elsewhere, is_of_data, unused, with_all_sensors
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
@@ -84,7 +84,7 @@ def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]
         if len(without) < len(others) or "data" in arm:
             usual = composed_by("config", without)
             check_used(config, _plain(composed.data), _plain(usual.data))
-    return config
+    return with_all_sensors(config, others)
 
 
 def compose_estimate(overrides: Sequence[str], read: Callable[[Sequence[str]], RunConfig] = compose) -> RunConfig:
@@ -178,7 +178,7 @@ def _with_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     if other.data.image_size != config.data.image_size:
         expected = f"{config.data.image_size}, which the run's networks are for"
         raise ConfigError(str(other.data.image_size), place="data.image_size", expected=expected)
-    return other
+    return with_all_sensors(other, overrides)
 
 
 def compose_noise(overrides: Sequence[str]) -> NoiseConfig:

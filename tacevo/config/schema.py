@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import AfterValidator
+from pydantic import AfterValidator, BeforeValidator
 from pydantic_core import PydanticCustomError
 
 from tacevo.choices import (
@@ -82,6 +82,8 @@ Part = Annotated[float, Gt(0), Lt(1)]
 Text = Annotated[str, is_a("text that is not empty", bool)]
 Name = Annotated[str, is_a("letters, digits, _ and -", re.compile(r"[\w-]+").fullmatch)]
 Identifier = Annotated[str, is_a("a name that Python allows", str.isidentifier)]
+#: A number may be written without quotes.
+Column = Annotated[Text, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 Pattern = Annotated[str, is_a("a regular expression, in quotes", _is_pattern)]
 
 
@@ -143,6 +145,7 @@ class DataConfig(Record):
     image_column: str  #: its column of paths
     target_columns: tuple[str, ...]  #: its columns of labels
     #: Simulated: ViTacTip, ViTac (no markers) or TacTip (opaque). TacVerse: the directories to read, joined by +.
+    #: With `sensor_column`: the sensors that are taken, joined by +; * for all.
     sensor: Text
     pattern: Text | None  #: for gratings
     #: Tables: leave out rows whose image is missing, instead of refusing the table.
@@ -162,12 +165,18 @@ class DataConfig(Record):
     select: bool = False
     #: TacVerse: what the classes of gratings are.
     classes: GratingClasses = GratingClasses.size
-    #: TacVerse: the sensor that is tested, which then does not train.
+    #: TacVerse, or with `sensor_column`: the sensor that is tested, which then does not train.
     test_sensor: Text | None = None
-    #: How much of its training part trains, too: presses of each grating, images of each shape or with forces.
+    #: How much of its training part trains, too: presses of each grating, images of each shape or with forces; with
+    #: `sensor_column`, groups of each class, or images where no groups are known.
     shots: AtLeast0 = 0
     #: Simulated: thickness of the clear gel on the sensor's skin.
     gel_mm: Annotated[float, Ge(0), Le(4)] = 0.0
+    #: What names the sensor of each image: a column (CSV), an array (NumPy), or a level of directories, from 1.
+    sensor_column: Column | None = None
+    split_column: Column | None = None  #: what names its part of the split, likewise
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"sensor_column", "split_column"})
 
     @property
     def held_out(self) -> tuple[float, float]:

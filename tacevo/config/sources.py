@@ -1,9 +1,9 @@
 """Which settings of `data` each source uses, one without effect is refused; and which a study has of its own."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
 
-from tacevo.choices import DataSource, RecordedTask, SplitRule
+from tacevo.choices import ALL_SENSORS, DataSource, RecordedTask, SplitRule
 from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json
@@ -11,17 +11,21 @@ from tacevo.storage.canonical import canonical
 
 _COMMON = frozenset({"source", "image_size", "split", "split_seed", "validation_part", "test_part", "normalisation"})
 
+#: Those of a recording that names sensors and parts.
+_SENSORS = frozenset({"sensor_column", "split_column", "sensor", "test_sensor", "shots"})
+
 #: The settings that a source uses, where `_NEEDS` holds.
 USED: Mapping[DataSource, frozenset[str]] = {
     DataSource.simulated: _COMMON | {"images", "seed", "sensor", "sensor_seed", "light", "gel_mm", "spacings_mm"},
     DataSource.csv: _COMMON
     | {"root", "table", "image_column", "target_columns", "skip_missing"}
-    | {"white_point", "group_column", "group_pattern"},
-    DataSource.folder: _COMMON | {"root", "white_point", "group_pattern"},
+    | {"white_point", "group_column", "group_pattern"}
+    | _SENSORS,
+    DataSource.folder: _COMMON | {"root", "white_point", "group_pattern"} | _SENSORS,
     DataSource.tacverse: _COMMON
     | {"root", "sensor", "pattern", "skip_missing", "white_point", "group_pattern"}
     | {"select", "images", "spacings_mm", "classes", "test_sensor", "shots"},
-    DataSource.numpy: _COMMON | {"root", "white_point"},
+    DataSource.numpy: _COMMON | {"root", "white_point"} | _SENSORS,
     DataSource.table: frozenset({"source", "root", "image_size"}),
 }
 
@@ -44,6 +48,9 @@ def is_elsewhere(override: str) -> bool:
     return is_of_data(override) or override.partition("=")[0] in DEVICE
 
 
+#: Sources of recordings that a user lays out.
+_NAMING = (DataSource.csv, DataSource.folder, DataSource.numpy)
+
 #: Tasks whose images TacVerse does not list in a table.
 _PRESSED = (RecordedTask.grating, RecordedTask.shape)
 
@@ -59,9 +66,19 @@ def _is_recorded(config: RunConfig) -> bool:
 #: What a setting may need beside its source, in words and as a rule.
 _Need = tuple[str, Callable[[RunConfig], bool]]
 
+_NAMED: _Need = (
+    "data.sensor_column",
+    lambda config: config.data.source not in _NAMING or config.data.sensor_column is not None,
+)
+_RELEASED: _Need = ("data.split=release", lambda config: not _is_recorded(config) or not _is_random(config))
 _GRATING: _Need = ("task=grating", lambda config: config.task.name == RecordedTask.grating)
 _SELECTS: _Need = ("data.select=true", lambda config: config.data.select or not _is_recorded(config))
 _RANDOM: _Need = ("data.split=random", _is_random)
+_DEALT: _Need = (
+    "data.split_column=null, or data.shots",
+    lambda config: config.data.split_column is None or config.data.shots > 0,
+)
+_UNSPLIT: _Need = ("data.split_column=null", lambda config: config.data.split_column is None)
 _UNNAMED: _Need = (
     "a task whose presses TacVerse does not name",
     lambda config: config.task.name != RecordedTask.grating or not _is_recorded(config),
@@ -79,11 +96,23 @@ _NEEDS: Mapping[str, tuple[_Need, ...]] = {
     "classes": (_GRATING,),
     "skip_missing": (_TABLE,),
     "group_pattern": (_RANDOM, _UNNAMED),
-    "test_sensor": (("data.split=release", lambda config: not _is_random(config)),),
+    "sensor": (_NAMED,),
+    "test_sensor": (_NAMED, _RELEASED),
     "shots": (("data.test_sensor", lambda config: config.data.test_sensor is not None),),
-    "split_seed": (("data.split=random or data.shots", lambda config: _is_random(config) or config.data.shots > 0),),
-    **dict.fromkeys(("validation_part", "test_part"), (_RANDOM,)),
+    "split_seed": (
+        ("data.split=random or data.shots", lambda config: _is_random(config) or config.data.shots > 0),
+        _DEALT,
+    ),
+    **dict.fromkeys(("validation_part", "test_part"), (_RANDOM, _UNSPLIT)),
 }
+
+
+def with_all_sensors(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
+    """Take all sensors that a recording names, where the overrides say what names them, and not which are taken."""
+    keys = {override.partition("=")[0] for override in overrides}
+    if "data.sensor_column" not in keys or "data.sensor" in keys or config.data.sensor_column is None:
+        return config
+    return replace(config, data=replace(config.data, sensor=ALL_SENSORS))
 
 
 def _lacking(name: str, config: RunConfig) -> list[str]:
@@ -114,7 +143,7 @@ def check_used(config: RunConfig, composed: Mapping[str, Json], usual: Mapping[s
     """
     data = config.data
     for name in sorted(unused(config)):
-        if composed[name] == usual[name]:
+        if composed.get(name) == usual.get(name):
             continue
         sources = " or ".join(f"data={source}" for source in DataSource if name in USED[source])
         lacking = " and ".join([*([] if name in USED[data.source] else [sources]), *_lacking(name, config)])

@@ -19,7 +19,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
 from tacevo.data.source import Catalogue, Source, check_no_faults, check_readable
 from tacevo.data.sources.image_files import warnings_as_errors
-from tacevo.data.splitting import PARTS, TENTHS, Split, check_balance, random_split
+from tacevo.data.splitting import PARTS, TENTHS, Split, check_balance, dealt
 from tacevo.data.staging import remove_leftovers, reserve, staged
 from tacevo.data.workers import Progress, each
 from tacevo.errors import DataError
@@ -30,10 +30,6 @@ from tacevo.storage.canonical import content_hash
 CACHE_SCHEMA = 2
 
 MINIMUM_IMAGES = 10
-
-#: How often groups that a setting names are dealt out, for the split that is nearest to the wanted sizes. Groups that a
-#: source itself has are dealt out once: their splits are older than this, and stay.
-TRIES = 100
 
 WAITING = "data: another process makes this data set; waiting for it"
 
@@ -112,21 +108,23 @@ def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int, held_out: tuple
         DataError: the source has no split of its own or too few groups; or a part would be empty, or lack a class.
     """
     classes = catalogue.labels.astype(np.int64) if catalogue.kind is Kind.classification else None
-    if rule is SplitRule.random:
-        groups, chosen_by = catalogue.groups, catalogue.groups_chosen_by
-        if groups is not None and (count := len(np.unique(groups))) < 3:
-            expected = "at least 3 groups of images, one for each part of the split"
-            remedy = "record more presses, or name smaller groups"
-            raise DataError(str(count), place=chosen_by or "the data set", expected=expected, remedy=remedy)
-        tries = 1 if chosen_by is None else TRIES
-        parts = random_split(
-            len(catalogue.labels), seed, held_out=held_out, groups=groups, classes=classes, tries=tries
+    if catalogue.dealt is not None:
+        parts = catalogue.dealt
+    elif rule is SplitRule.random:
+        parts = dealt(
+            len(catalogue.labels),
+            seed,
+            held_out=held_out,
+            groups=catalogue.groups,
+            chosen_by=catalogue.groups_chosen_by,
+            classes=classes,
         )
     elif catalogue.release is not None:
         parts = catalogue.release
     else:
         got = "release, and the source does not name a split"
-        raise DataError(got, place="data.split", remedy="set data.split=random")
+        remedy = "set data.split=random, or data.split_column where the recording names the part of each image"
+        raise DataError(got, place="data.split", remedy=remedy)
     if classes is not None:
         check_balance(parts, classes, catalogue.names)
     empty = [part for part in PARTS if len(getattr(parts, part)) == 0]

@@ -53,6 +53,9 @@ FONT = 6.5
 
 DOTS_PER_INCH = 300
 
+#: On a screen, where two columns of a paper are then about 1,070 pixels wide.
+SCREEN_DOTS_PER_INCH = 150
+
 _STYLE: list[str | dict[str, Any]] = [
     "default",  # not the user's own matplotlibrc
     {"font.family": "DejaVu Sans", "font.size": FONT, "pdf.fonttype": 42, "svg.fonttype": "none"}
@@ -103,6 +106,17 @@ def save(figure: Figure, path: Path) -> None:
     write_durably(path, content)
 
 
+class ShownFigure(Figure):
+    """A figure of Matplotlib that shows itself where it is the value of a notebook's cell, without any backend."""
+
+    def _repr_png_(self) -> bytes:
+        """Return what IPython shows; the user's own matplotlibrc has no effect on it, as on a file."""
+        buffer = io.BytesIO()
+        with style.context("default"):
+            self.savefig(buffer, format="png", dpi=SCREEN_DOTS_PER_INCH)
+        return buffer.getvalue()
+
+
 def encoded(figure: Figure, ending: str) -> bytes:
     """Return the content of a figure's file, in the style that is in force; the ending is one of `FORMATS`."""
     buffer = io.BytesIO()
@@ -136,7 +150,7 @@ def _draw(
     lines = down * (1 + max(map(len, texts))) + (0 if title is None else 2)
     height = down * WIDTHS[width] / across + lines * LINE
     with style.context(_STYLE):
-        figure = Figure(figsize=(WIDTHS[width], height), layout="constrained")
+        figure = ShownFigure(figsize=(WIDTHS[width], height), layout="constrained")
         if title is not None:
             figure.suptitle(title, x=0.006, ha="left", fontsize=FONT, parse_math=False)
         grid = figure.subplots(down, across, squeeze=False)

@@ -45,6 +45,8 @@ class Catalogue:
     groups_chosen_by: str | None = None
     #: The split that the authors of the recording name; None where they do not name one.
     release: Split | None = None
+    #: The split of a source that has dealt it itself, because it names sensors or parts; whatever rule is asked for.
+    dealt: Split | None = None
     #: Width and height of the images before they are resized, in pixels; None where they are drawn to size.
     recorded_size: tuple[int, int] | None = None
     #: The file of every picture; None where they come from no files of their own.

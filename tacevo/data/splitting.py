@@ -17,6 +17,10 @@ from tacevo.randomness import stream
 TENTHS = (0.1, 0.1)
 
 
+#: How often groups that a setting names are dealt out, for the split that is nearest to the wanted sizes. Groups that a
+#: source itself has are dealt out once: their splits are older than this, and stay.
+TRIES = 100
+
 #: The fields of `Split`.
 PARTS = ("train", "validation", "test")
 
@@ -37,6 +41,28 @@ def part_sizes(count: int, held_out: tuple[float, float]) -> tuple[int, int, int
     """
     validation, test = (int(Fraction(str(part)) * count + Fraction(1, 2)) for part in held_out)  # as it is written
     return count - validation - test, validation, test
+
+
+def dealt(
+    count: int,
+    seed: int,
+    *,
+    held_out: tuple[float, float],
+    groups: npt.NDArray[np.int64] | None,
+    chosen_by: str | None,
+    classes: npt.NDArray[np.int64] | None,
+) -> Split:
+    """Split rows at random as `random_split` does; `chosen_by` is the setting that names the groups, if one does.
+
+    Raises:
+        DataError: there are too few groups; or as `random_split`.
+    """
+    if groups is not None and (found := len(np.unique(groups))) < 3:
+        expected = "at least 3 groups of images, one for each part of the split"
+        remedy = "record more presses, or name smaller groups"
+        raise DataError(str(found), place=chosen_by or "the data set", expected=expected, remedy=remedy)
+    tries = 1 if chosen_by is None else TRIES
+    return random_split(count, seed, held_out=held_out, groups=groups, classes=classes, tries=tries)
 
 
 def random_split(

@@ -43,7 +43,8 @@ _FINISH_CLASS = "output = torch.softmax(torch.stack(outputs), dim=1).mean(dim=0)
 
 _SHOW_VALUES = """\
 for name, unit, value in zip(config["outputs"]["names"], config["outputs"]["units"], output):
-    print(f"{name} {value:.4g} {unit}")"""
+    title = name.removesuffix(f"_{unit}") if unit else name  # depth_mm states its unit
+    print(f"{title} {value:.4g} {unit}".rstrip())"""
 
 _SHOW_CLASS = 'print(config["outputs"]["names"][output.argmax()], f"{output.max():.3f}")'
 

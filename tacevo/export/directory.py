@@ -50,11 +50,13 @@ def export(
     bundle: str | None,
     retrained: bool,
     view: Progress,
+    root: str | None = None,
 ) -> Exported:
     """Train a candidate again and write it as a directory; return what it says.
 
     The run is finished, and the candidate was admitted. `bundle` is the digest of the bundle that the run lies in; None
-    of a directory. With `retrained`, a training that is not recorded, or goes otherwise, is an error.
+    of a directory. With `retrained`, a training that is not recorded, or goes otherwise, is an error. `root` is where
+    the data set of the run lies, if not where the run had it.
 
     Raises:
         ConfigError: the target exists; or packages of the extra are missing; or this machine cannot train so.
@@ -71,8 +73,9 @@ def export(
     _check_class(run)
     source = run.directory.read_source(line.id, str(line.source))
     _make_parent(target)
-    catalogue = source_of(run.config).catalogue()
-    data = load_same(run.config, run.record.data, view, catalogue=catalogue)
+    here = run.with_data if root is None else replace(run.config, data=replace(run.config.data, root=root))
+    catalogue = source_of(here).catalogue()
+    data = load_same(here, run.record.data, view, catalogue=catalogue)
     plan = design(run, line, settings, data)
     check_means(plan.config)
     trained, doubts = train(run, plan, source, data, view, retrained=retrained)

@@ -131,7 +131,7 @@ def evaluations(runs: Sequence[RecordedRun]) -> list[Evaluation]:
 
 def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, name: str) -> None:
     """Train candidates of one run again, by its rules, and compare; `name` stands before a candidate's id."""
-    config = run.config
+    config = run.with_data
     check_confinement(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device, config.training.gpu)
     doubts = doubts_of(run.record, config.numerics.kind, config.training.device, versions(), machine())

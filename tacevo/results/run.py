@@ -43,10 +43,12 @@ from tacevo.evolution.run_files import (
 )
 from tacevo.records import DataFacts, to_json
 from tacevo.results.settings import read_settings
+from tacevo.results.whereabouts import found_data
 from tacevo.rules import Rules
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import FinishedDirectory, RunDirectory, RunRecord
+from tacevo.storage.store import place_of
 from tacevo.text import counted, drawn, listed
 
 #: How many of the best networks tables and figures look at, as the paper does.
@@ -97,6 +99,20 @@ class RecordedRun:
     def stores(self) -> Path:
         """Where its recorded answers are."""
         return self.packed or Path(self.config.store.root)
+
+    @cached_property
+    def with_data(self) -> RunConfig:
+        """Its configuration, with its data set where that lies on this machine (`tacevo.results.whereabouts`)."""
+        root = found_data(self.directory, self.config)
+        return replace(self.config, data=replace(self.config.data, root=root))
+
+    @cached_property
+    def without_stores(self) -> str:
+        """That its stores are not where they are looked for, in words; empty where they hold what it trained first."""
+        known = next((line.evaluation for line in self.trained if line.evaluation is not None), None)
+        if known is None or (self.stores / place_of("evaluations", known)).exists():
+            return ""
+        return f"its stores are not in {self.stores}, so what rests on them is missing: store=DIR or --store names them"
 
     @property
     def task(self) -> str:

@@ -10,6 +10,7 @@ from tacevo.config.task_texts import contract_of
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import to_json
+from tacevo.results.whereabouts import found_store
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 
@@ -30,7 +31,7 @@ def read_config(path: Path, record: RunRecord) -> RunConfig:
 def read_settings(directory: RunDirectory, record: RunRecord, store: str | None = None) -> RunConfig:
     """Return the configuration of a run for this machine alone, with no more workers than cores.
 
-    `store` is where its stores lie, if not where the run had them.
+    `store` is where its stores lie, if not where the run had them (`tacevo.results.whereabouts`).
 
     Raises:
         RunError: run.json has another number of simulated images than the run had, another contract than its settings
@@ -48,7 +49,7 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
             remedy="restore it",
         )
     _check_task(config, record, f"{directory.path}/run.json")
-    root = config.store.root if store is None else store
+    root = found_store(directory, config) if store is None else store
     workers = min(config.executor.workers, usable_cores())
     here = replace(config.executor, kind=ExecutorKind.local, workers=workers)
     return replace(config, store=StoreConfig(root=root), executor=here)

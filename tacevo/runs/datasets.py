@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from tacevo.choices import DataSource, RecordedTask, SensorTask, SimulatedSensor
-from tacevo.config.schema import RunConfig
+from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.config.task_texts import check_fit
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
+from tacevo.data.sensors import Sensors
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
 from tacevo.data.sources.arrays import Arrays
@@ -113,6 +114,7 @@ def source_of(config: RunConfig) -> Source:
                 white_point=data.white_point,
                 group_column=data.group_column,
                 group_pattern=data.group_pattern,
+                sensors=_sensors_of(data),
             )
         case DataSource.folder:
             return Folder(
@@ -120,6 +122,7 @@ def source_of(config: RunConfig) -> Source:
                 image_size=data.image_size,
                 white_point=data.white_point,
                 group_pattern=data.group_pattern,
+                sensors=_sensors_of(data),
             )
         case DataSource.tacverse:
             return TacVerse(
@@ -139,7 +142,9 @@ def source_of(config: RunConfig) -> Source:
                 seed=data.split_seed,
             )
         case DataSource.numpy:
-            return Arrays(root=root, image_size=data.image_size, white_point=data.white_point)
+            return Arrays(
+                root=root, image_size=data.image_size, white_point=data.white_point, sensors=_sensors_of(data)
+            )
         case DataSource.table:
             raise ConfigError(
                 "the table of a space, which holds no images",
@@ -147,6 +152,19 @@ def source_of(config: RunConfig) -> Source:
                 expected="images",
                 remedy="`tacevo.open_table(FILE).scores` are the test scores of all its networks",
             )
+
+
+def _sensors_of(data: DataConfig) -> Sensors:
+    """Return which sensors and parts are asked for of a recording that names them."""
+    return Sensors(
+        sensor_column=data.sensor_column,
+        split_column=data.split_column,
+        sensor=data.sensor,
+        test_sensor=data.test_sensor,
+        shots=data.shots,
+        seed=data.split_seed,
+        held_out=data.held_out,
+    )
 
 
 def _among(tasks: type[T], config: RunConfig) -> T:

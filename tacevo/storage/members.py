@@ -80,6 +80,11 @@ class Member(PosixPath):
     def parent(self) -> Self:
         return self if self._above is None else self._above
 
+    @property
+    def file(self) -> PosixPath:
+        """The bundle itself, a file on the disk."""
+        return PosixPath(str(self)) if self._above is None else self._above.file
+
     def exists(self, **_: Any) -> bool:
         return self._content is not None
 

@@ -20,6 +20,7 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import needed_llm, record
 from tacevo.runs.wiring import Workbench, start_zygote
+from tacevo.text import counted
 
 
 def record_given(config: RunConfig, files: Mapping[Path, Given], view: Progress) -> Path:
@@ -42,6 +43,11 @@ def record_given(config: RunConfig, files: Mapping[Path, Given], view: Progress)
             gate = bench.gate(CURRENT)
             given = tuple(bench.executor.map(lambda file: _admitted(gate, *file), files.items()))
         _check_different(task, given)
+        epochs = config.training.epochs
+        view.say(
+            f"the run trains each of {counted(len(given) + 1, 'network')} for {counted(epochs, 'epoch')} first, as a "
+            f"search does, unless that is recorded (training.epochs={epochs}); the study trains them anew"
+        )
         return record(config, replace(task, given=given), data, view, zygote=zygote, llm=llm).directory
 
 

@@ -111,7 +111,7 @@ def study(config: StudyConfig, view: Progress, other: Sequence[str] = ()) -> Stu
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     run = read_run(Path(config.run or ""), config.store.root)
-    elsewhere = replace(run.config, executor=config.executor)
+    elsewhere = replace(run.with_data, executor=config.executor)
     if other:
         from tacevo.config.compose import compose_elsewhere  # imports Hydra, which a replay does not need
 
@@ -157,7 +157,7 @@ def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
 
 def _carry_out(plan: _Plan, wanted: int, view: Progress, elsewhere: DataConfig | None = None) -> Studied:
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
-    run = replace(plan.config, data=elsewhere or plan.config.data)
+    run = replace(plan.config, data=elsewhere or plan.run.with_data.data)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
     is_looked_up = run.data.source is DataSource.table and plan.header.terms is None
     source = None if is_looked_up else source_of(run)

@@ -190,6 +190,13 @@ def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixtu
     assert next(iter(made.figures)) == "samples"
 
 
+def test_figures_show_themselves_in_a_notebook(opened: tacevo.Run) -> None:
+    """By IPython's own rule, whatever a user's Matplotlib is set to; each that a run without its images has."""
+    for name, draw in opened.figures.items():
+        if name != "samples":
+            assert draw()._repr_png_().startswith(b"\x89PNG"), name  # type: ignore[attr-defined]
+
+
 def test_unknown_table_is_answered_with_the_near_one(opened: tacevo.Run) -> None:
     """As every misspelt name."""
     with refused(tacevo.ConfigError, place="run.tables", remedy="did you mean verdicts?"):
@@ -333,3 +340,17 @@ def test_notebooks_see_tables(opened: tacevo.Run, swept: Path) -> None:
         text = shown._repr_html_()
         assert "<table" in text
         assert "<script" not in text
+
+
+def test_verdicts_without_rows_give_their_reason(run: Path) -> None:
+    """Too few seeds, a noise run; what is made of such a frame is a frame as any other, and its columns are there."""
+    few = tacevo.study("run", elites=1, seeds=2, epochs=1, quiet=True)
+    noise = tacevo.noise("run", elites=1, seeds=2, quiet=True)
+    for study, reason in ((few, "at least 4 training seeds"), (noise, "a noise run")):
+        known = study.verdicts
+        assert (len(known), [*known.columns]) == (0, [*frames.VERDICTS][1:])
+        assert reason in repr(known)
+        assert reason in known._repr_html_()
+        assert reason in known.attrs["left_out"][0]
+        assert known.reset_index().shape == (0, len(frames.VERDICTS))
+    assert "at least 4 training seeds" in few._repr_html_()

@@ -51,7 +51,12 @@ OTHER: dict[str, Json] = {
     "test_sensor": "TacTip",
     "shots": 5,
     "gel_mm": 1.5,
+    "sensor_column": "1",
+    "split_column": "2",
 }
+
+#: The settings that need one that names the sensor of each image, of recordings that a user lays out.
+NAMED = {"sensor", "test_sensor", "shots"}
 
 #: The settings that depend on the task or on the split beside the source, and where each has no effect.
 BUT = {
@@ -83,7 +88,7 @@ def test_every_setting_and_source_is_in_the_table() -> None:
 def command(source: str, *names: str) -> list[str]:
     """Return overrides that choose a source and set some settings of data to other values."""
     task = "force" if {"skip_missing", "group_pattern"} & set(names) else "grating"
-    split = "release" if "test_sensor" in names else "random"
+    split = "release" if "test_sensor" in names and source == "tacverse" else "random"
     return [f"task={task}", f"data={source}", *NEEDED[source], f"data.split={split}", *map(written, names)]
 
 
@@ -94,6 +99,8 @@ def test_what_a_source_uses_can_be_set(source: DataSource) -> None:
     names = [name for name in OTHER if name in USED[source]]
     gratings, of_release = {"pattern", "spacings_mm", "classes"}, {"test_sensor", "shots"}
     of_random = {"split_seed", "validation_part", "test_part"}
+    if "sensor_column" in USED[source]:
+        of_release, of_random = {"split_column"}, of_random | NAMED
     for others in (
         gratings | of_release | {"group_pattern"},
         gratings | of_release | {"group_column"},
@@ -116,6 +123,33 @@ def test_what_a_source_does_not_use_is_refused(source: DataSource) -> None:
         got = json.dumps(OTHER[name], separators=(",", ":"))
         with refused(ConfigError, place=f"data.{name}", expected="no value without", got=got, remedy="remove it"):
             check_used(config, {**usual, name: OTHER[name]}, usual)
+
+
+@pytest.mark.parametrize("source", ["csv", "folder", "numpy"])
+def test_sensors_need_what_names_them(source: str) -> None:
+    """A column, an array or a level of directories; where the command names one and no sensor, all are taken."""
+    settings = [f"data={source}", *NEEDED[source], "task=force"]
+    for name in NAMED - {"shots"}:
+        with refused(ConfigError, place=f"data.{name}", expected="no value without data.sensor_column"):
+            compose([*settings, written(name)])
+    assert compose([*settings, "data.sensor_column=1"]).data.sensor == "*"
+    run = compose([*settings, "data.sensor_column=1", "data.sensor=A+B"])
+    assert run.data.sensor == "A+B"
+    assert compose_elsewhere(run, ["data.split_seed=1"]).data.sensor == "A+B"
+    assert compose_elsewhere(run, ["data.test_sensor=A"]).data.test_sensor == "A"
+    with refused(ConfigError, place="data.split_seed", expected="data.split_column=null"):
+        compose([*settings, "data.split_column=2", "data.split_seed=3"])
+    assert compose([*settings, "data.split_column=2", "data.split=release"]).data.split == "release"
+    with refused(ConfigError, place="data.split", expected="random where no data.split_column"):
+        compose([*settings, "data.sensor_column=1", "data.split=release"])
+    with refused(ConfigError, place="data.split_column", expected="another one"):
+        compose([*settings, "data.sensor_column=1", "data.split_column=1"])
+
+
+def test_level_of_directories_is_a_number() -> None:
+    """As 1 for the directories in data.root."""
+    with refused(ConfigError, place="data.sensor_column", expected="a level of directories"):
+        compose(["data=folder", "task=grating", *NEEDED["folder"], "data.sensor_column=sensor"])
 
 
 @pytest.mark.parametrize(("source", "name"), [("simulated", "root"), ("folder", "group_column")])

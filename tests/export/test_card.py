@@ -354,3 +354,12 @@ def test_program_makes_the_input_as_the_data_did(
     exec(compile(program, "README.md", "exec"), names)
     assert names["pixels"].dtype == np.float32
     assert (names["pixels"][0] == decode(place / "image.png", told["size"], white)).all()
+
+
+def test_program_prints_each_unit_once(of_forces: Exported, capsys: pytest.CaptureFixture[str]) -> None:
+    """A column states its unit by its ending, which is not printed beside it; one without a unit keeps its name."""
+    program = re.findall(r"```python\n(.*?)```", card(of_forces), re.DOTALL)[0]
+    loop = program[program.index("for name, unit, value") :]
+    outputs = {"names": ["depth_mm", "Fx", "roll_"], "units": ["mm", "N", ""]}
+    exec(compile(loop, "README.md", "exec"), {"config": {"outputs": outputs}, "output": [1.25, -0.5, 3.0]})
+    assert capsys.readouterr().out == "depth 1.25 mm\nFx -0.5 N\nroll_ 3\n"

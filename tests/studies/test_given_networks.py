@@ -13,6 +13,7 @@ from refusals import refused
 from small_recordings import simulated
 from smallest import SMALLEST, UNTRACKED, Once
 
+from tacevo.api.opening import open_run
 from tacevo.choices import ArchiveKind, Numerics
 from tacevo.cli.app import main
 from tacevo.data.simulator.written_files import write_files
@@ -181,6 +182,41 @@ def test_sensors_are_studied_within_and_each_left_out(here: Path, capsys: pytest
         data.selected for data in recorded
     }
     assert sorted(data.counts for data in recorded)[:2] == [(24, 8, 8)] * 2
+
+
+@pytest.mark.slow
+def test_pairs_of_sensors_are_studied_by_one_command(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Given networks are recorded on the first sensor and studied on each pair; a sensor with itself is within it."""
+    usual = [word for word in GIVEN if word != "run.dir=run"]
+    pairs = ["data.sensor=ViTacTip,ViTac", "run.dir=pairs"]
+    assert main(["study", *usual, *pairs]) == 0
+    told = capsys.readouterr().out
+    assert told.count("study of ") == 2
+    assert "by training sensor" in told
+    names = [table for table in open_run("pairs").tables if table.endswith("/transfer_sensors")]
+    assert len(names) == 1
+    assert open_run("pairs").config.data.sensor == "ViTacTip"
+    assert main(["study", *usual, *pairs]) == 0
+    assert capsys.readouterr().err.count("trainings recorded already") == 2
+
+
+def test_trainings_of_the_run_are_told_before_them(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Their epochs are not the study's, and a study of one epoch may take most of its time for them."""
+    settings = [word for word in GIVEN if word not in {"run.dir=run", "epochs=1"}]
+    assert main(["study", *settings, "epochs=1", "training.epochs=2", "run.dir=longer"]) == 0
+    told = capfd.readouterr().err
+    assert "training.epochs=2" in told
+    assert told.index("training.epochs=2") < told.index("generation 0")
+
+
+def test_mistake_in_a_later_sensor_is_found_before_the_first_is_trained(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a sensor that is not simulated; nothing is recorded."""
+    usual = [word for word in GIVEN if word != "run.dir=run"]
+    assert main(["study", *usual, "data.sensor=ViTacTip,Other", "run.dir=pairs"]) == 2
+    assert "data.sensor" in capsys.readouterr().err
+    assert not Path("pairs").exists()
 
 
 def test_study_that_was_begun_under_its_earlier_name_is_continued(

@@ -22,10 +22,11 @@ from analysis.runs.dynamics import by_prompt, by_temperature, progress
 from analysis.runs.niches import cells
 from analysis.runs.pareto import REESTIMATED, beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
-from analysis.studies.comparison import of_whole
+from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.studies.metric_names import metric_name
 from analysis.studies.reestimates import by_seeds, losses_by_source
 from analysis.table import Table
+from analysis.tables.comparison import margin_in_words
 from analysis.tables.dynamics import reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import PromptPolicy
@@ -36,7 +37,7 @@ from tacevo.evolution.run_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
-from tacevo.results.study import LOWER_IS_BETTER
+from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
 from tacevo.results.summary import data_in_words, outcome_in_words, rates_in_words, searched
 
 #: Corners of a polygon in order, each (x, y) in [0, 1].
@@ -244,7 +245,12 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
 
 
 def _pareto(collection: Collection) -> dict[str, Any]:
-    """Return the fitnesses that are re-estimates, by id, and the ids of the front in loss and FLOPs."""
+    """Return the fitnesses that are re-estimates, by id, and the ids of the front in loss and FLOPs.
+
+    Without re-estimates that were made the front would be another one, so there is none.
+    """
+    if collection.unread:
+        return {"again": {}, "front": []}
     candidates = beside_costs(collection.run, losses_by_source(collection.reestimates))
     again = candidates.fitness[candidates.estimate == REESTIMATED]
     return {"again": again.to_dict(), "front": on_front(candidates, ["fitness", "flops"]).index.tolist()}
@@ -265,6 +271,14 @@ def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
     return any(table.name.startswith(f"{compared.name}/") for compared in studies)
 
 
+def _verdict(study: RecordedStudy, comparison: Any) -> str:
+    """Write a verdict with the p of the test that gave it."""
+    p = f"Holm's p {p_in_words(deciding_p(comparison))}"
+    if comparison.verdict != Verdict.equivalent:
+        return f"{comparison.verdict}, {p}"
+    return f"{comparison.verdict}, {p} of equivalence, margin {margin_in_words(study, comparison.margin)}"
+
+
 def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
     """Return a study: of each network the primary metric of every seed, and its comparison with the baseline, if any.
 
@@ -272,7 +286,7 @@ def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
     """
     study = compared.study
     variants = of_whole(compared.comparisons).itertuples()
-    verdicts = {one.network: f"{one.verdict}, Holm's p {p_in_words(one.p_holm)}" for one in variants}
+    verdicts = {one.network: _verdict(study, one) for one in variants}
     matrices = {(score.network, score.seed): score.confusion for score in study.scores}
     is_classification = study.kind is Kind.classification
     networks = [

@@ -6,11 +6,13 @@
     names    text (K,), may be absent: names of the outputs or classes
     groups   integers (N,), may be absent: equal for rows that were recorded together
 
+Further arrays of texts or integers (N,) may name the sensor and the part of each image; settings name these arrays.
+
 The archive is read whole into memory, and nothing in it is ever unpickled.
 """
 
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -20,6 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tacevo.data.sensors import NONE_NAMED, Named, Sensors, taken
 from tacevo.data.source import Catalogue, Picture, check_no_faults, chosen
 from tacevo.data.sources.filenames import check_file, is_passed_over
 from tacevo.data.sources.image_files import DECODING, extent, files_hash, square, to_8_bits
@@ -44,17 +47,20 @@ class Arrays:
     image_size: int
     #: The stored value that becomes 255; None for images of 8 bits as they are.
     white_point: float | None = None
+    #: Which sensors and parts are taken, where arrays name them.
+    sensors: Sensors = NONE_NAMED
 
     def describe(self) -> Json:
         """Name the bytes of the archive."""
         check_file(self.root, "data.root", _ARCHIVE)
         content = files_hash([self.root])
         described: dict[str, Json] = {"source": "numpy", "decoding": DECODING, "archive": content}
+        described |= self.sensors.described()
         return {**described, "image_size": self.image_size, **chosen(self, "white_point")}
 
     def catalogue(self) -> Catalogue:
         """List labels and images in the order of the arrays."""
-        arrays = _read(self.root)
+        arrays = _read(self.root, self.sensors.columns)
         images, labels, names = arrays["images"], arrays["labels"], arrays.get("names")
         _check_images(images, self.white_point)
         count = len(images)
@@ -62,16 +68,29 @@ class Arrays:
             expected = f"one row for each of the {count} images"
             raise DataError(f"shape {labels.shape}", place="labels", expected=expected)
         is_classified = labels.dtype.kind in "iu"
+        groups = _groups(arrays.get("groups"), count)
         outputs = _count_classes(labels, names) if is_classified else _count_values(labels)
+        values = labels.astype(np.int64) if is_classified else labels.astype(np.float64).reshape(count, outputs)
+        rows: list[int] = list(range(count))
+        fields: dict[str, Any] = {"groups": groups}
+        if self.sensors.are_named:
+            sensor, split = (
+                None if name is None else _texts(arrays[name], name, count)
+                for name in (self.sensors.sensor_column, self.sensors.split_column)
+            )
+            places = [f"row {row}" for row in rows]
+            classes = labels.astype(np.int64) if is_classified else None
+            named = Named(places, sensor, split, classes=classes, groups=groups)
+            rows, fields = taken(self.sensors, named)
         return Catalogue(
             kind=Kind.classification if is_classified else Kind.regression,
             names=_names(names, outputs, "{}" if is_classified else "label {}"),
-            labels=labels.astype(np.int64) if is_classified else labels.astype(np.float64).reshape(count, outputs),
+            labels=values[rows],
             image_size=self.image_size,
-            pictures=tuple(partial(_resized, image, self.image_size, self.white_point) for image in images),
-            extents=tuple(partial(extent, image, self.white_point) for image in images),
-            groups=_groups(arrays.get("groups"), count),
+            pictures=tuple(partial(_resized, images[row], self.image_size, self.white_point) for row in rows),
+            extents=tuple(partial(extent, images[row], self.white_point) for row in rows),
             recorded_size=(images.shape[2], images.shape[1]),
+            **fields,
         )
 
 
@@ -81,8 +100,8 @@ def _resized(image: npt.NDArray[Any], image_size: int, white_point: float | None
     return square(to_8_bits(flat, white_point), image_size)
 
 
-def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
-    """Read all arrays of an archive."""
+def _read(path: Path, naming: Sequence[str] = ()) -> dict[str, npt.NDArray[Any]]:
+    """Read all arrays of an archive, those among them that name sensors or parts."""
     check_file(path, "data.root", _ARCHIVE)
     if not zipfile.is_zipfile(path):
         got = "a file of another kind, or one that was cut off"
@@ -92,7 +111,7 @@ def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
             archive = np.load(file, allow_pickle=False)
         with archive:
             names = [name for name in archive.files if not is_passed_over(PurePath(name))]
-            _check_keys(path, frozenset(names))
+            _check_keys(path, frozenset(names), frozenset(naming))
             return {name: _array(path, archive, name) for name in names}
 
 
@@ -113,11 +132,14 @@ def _array(path: Path, archive: Mapping[str, Any], name: str) -> npt.NDArray[Any
     return array
 
 
-def _check_keys(path: Path, names: frozenset[str]) -> None:
+def _check_keys(path: Path, names: frozenset[str], naming: frozenset[str]) -> None:
     """Refuse an archive that lacks an array, or has an unknown one: a misspelt `groups` would leak."""
-    check_no_faults(f"{path.name} lacks arrays", sorted(REQUIRED - names), f"it has {sorted(names)}")
-    unknown = sorted(names - REQUIRED - OPTIONAL)
-    check_no_faults(f"{path.name} has unknown arrays", unknown, f"remove them; known are {sorted(REQUIRED | OPTIONAL)}")
+    check_no_faults(f"{path.name} lacks arrays", sorted((REQUIRED | naming) - names), f"it has {sorted(names)}")
+    unknown = sorted(names - REQUIRED - OPTIONAL - naming)
+    remedy = (
+        f"remove them, or name them by data.sensor_column or data.split_column; known are {sorted(REQUIRED | OPTIONAL)}"
+    )
+    check_no_faults(f"{path.name} has unknown arrays", unknown, remedy)
 
 
 def _check_images(images: npt.NDArray[Any], white_point: float | None) -> None:
@@ -176,6 +198,17 @@ def _names(names: npt.NDArray[Any] | None, outputs: int, default: str) -> tuple[
         got = f"{names.dtype} of shape {names.shape}: {names.tolist()}"
         raise DataError(got, place="names", expected=f"{outputs} different texts")
     return tuple(names.tolist())
+
+
+def _texts(values: npt.NDArray[Any], name: str, count: int) -> list[str]:
+    """Read what names the sensor or the part of each image."""
+    if values.shape != (count,) or values.dtype.kind not in "Uiu":
+        expected = f"{count} texts or integers"
+        raise DataError(f"{values.dtype} of shape {values.shape}", place=name, expected=expected)
+    texts = [str(value).strip() for value in values.tolist()]
+    empty = [f"row {row}" for row, text in enumerate(texts) if not text]
+    check_no_faults(f"{name} has rows without a value", empty, "write there what names the sensor or the part")
+    return texts
 
 
 def _groups(groups: npt.NDArray[Any] | None, count: int) -> npt.NDArray[np.int64] | None:

@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tacevo.data.sensors import NONE_NAMED, Named, Sensors, taken
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats, shortened
 from tacevo.data.sources.csv_lines import Lines, in_words
 from tacevo.data.sources.filenames import check_directory, check_file, folded, own_names
-from tacevo.data.sources.image_files import FileSource, files_hash, image_files, numbered
+from tacevo.data.sources.image_files import FileSource, files_hash, groups_in, image_files, numbered
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -36,8 +37,8 @@ class Row:
     is_outside: bool
     #: The text of each target column, in their order.
     texts: tuple[str, ...]
-    #: That of the column that names the groups; empty where none does.
-    group: str
+    #: The texts of further columns: what names the group, the sensor and the part, as far as something does.
+    named: tuple[str, ...] = ()
 
     @property
     def place(self) -> str:
@@ -75,13 +76,17 @@ class TableSource(FileSource):
     skip_missing: bool = False
     #: The column whose value images of one press share; it goes before `group_pattern`.
     group_column: str | None = None
+    #: Which sensors and parts are taken, where columns name them.
+    sensors: Sensors = NONE_NAMED
 
     def describe(self) -> Json:
-        """Name the bytes of the table and of every image."""
+        """Name the bytes of the table and of every image that is taken."""
         rows = self._read().rows
+        own, _ = self._taken(rows)
         return {
-            **self.described(row.path for row in rows),
+            **self.described(row.path for row in own),
             **chosen(self, "group_column"),
+            **self.sensors.described(),
             "source": "table",
             "table": files_hash([self.root / self.table]),
             "lines": [row.line for row in rows],
@@ -91,10 +96,8 @@ class TableSource(FileSource):
 
     def catalogue(self) -> Catalogue:
         """List labels and images in the order of the table."""
-        rows, skipped, blank = self._read()
-        groups: dict[str, Any] = {}
-        if self.group_column is not None:
-            groups = {"groups": numbered([row.group for row in rows]), "groups_chosen_by": "data.group_column"}
+        read, skipped, blank = self._read()
+        rows, fields = self._taken(read)
         return self.catalogue_of(
             [row.path for row in rows],
             [row.place for row in rows],
@@ -104,22 +107,54 @@ class TableSource(FileSource):
             labels=np.array([row.labels for row in rows], dtype=np.float64),
             skipped=skipped,
             blank=blank,
-            ignored=unnamed_images(rows),
-            **groups,
+            ignored=unnamed_images(read),
+            **fields,
         )
+
+    def _taken(self, rows: Sequence[Row]) -> tuple[list[Row], dict[str, Any]]:
+        """Take the rows of the chosen sensors; also return groups and split of these, as the catalogue has them."""
+        columns = {name: [row.named[number] for row in rows] for number, name in enumerate(self._naming)}
+        groups = self._groups(rows, columns.get("group_column"))
+        if not self.sensors.are_named:
+            return list(rows), groups
+        places = [row.place for row in rows]
+        named = Named(places, columns.get("sensor_column"), columns.get("split_column"), **groups)
+        numbers, fields = taken(self.sensors, named)
+        return [rows[number] for number in numbers], fields
+
+    def _groups(self, rows: Sequence[Row], values: Sequence[str] | None) -> dict[str, Any]:
+        """Return which images were recorded together, where a column or their paths say so."""
+        if values is not None:
+            return {"groups": numbered(values), "groups_chosen_by": "data.group_column"}
+        if self.group_pattern is None:
+            return {}
+        paths = [PurePath(row.name).as_posix() for row in rows]
+        return {"groups": groups_in(paths, self.group_pattern), "groups_chosen_by": "data.group_pattern"}
+
+    @property
+    def _naming(self) -> dict[str, str]:
+        """What names the group, the sensor and the part of an image: columns by the setting that names them."""
+        settings = {
+            "group_column": self.group_column,
+            "sensor_column": self.sensors.sensor_column,
+            "split_column": self.sensors.split_column,
+        }
+        return {setting: column for setting, column in settings.items() if column is not None}
 
     def _read(self) -> ReadTable:
         check_directory(self.root, "data.root", f"the directory of the table {self.table}")
         table = self.root / self.table
         check_file(table, "data.table", "a table in data.root")
+        named = self._naming
+        settings = listed(f"data.{name}" for name in ["image_column", *(named or ["group_column"])])
         return read_rows(
             table,
             image_column=self.image_column,
             target_columns=self.target_columns,
-            remedy="set data.image_column, data.target_columns or data.group_column to the names that are here",
+            remedy=f"set {settings} or data.target_columns to the names that are here",
             directories=(self.root, table.parent),
             skip_missing=self.skip_missing,
-            group_column=self.group_column,
+            naming=tuple(named.values()),
         )
 
 
@@ -143,15 +178,15 @@ def read_rows(
     remedy: str,
     directories: Sequence[Path],
     skip_missing: bool,
-    group_column: str | None = None,
+    naming: Sequence[str] = (),
 ) -> ReadTable:
     """Read and check a whole table.
 
     It is a CSV table in UTF-8 with a header. Outer spaces of column names do not matter, nor does their case where no
     column has exactly the asked name. The image column holds each image's path, relative to one of the directories,
-    which are looked through in order; it does not lead out of these. The group column, where one is asked for, holds
-    what images of one press share. `remedy` says what the user can do where a column is absent. With `skip_missing`,
-    rows without their image are left out.
+    which are looked through in order; it does not lead out of these. Further columns (`naming`) hold what names the
+    group, the sensor or the part of each image, and no row lacks it. `remedy` says what the user can do where a column
+    is absent. With `skip_missing`, rows without their image are left out.
 
     A first line `sep=;`, by which spreadsheets name what stands between columns, is obeyed. Numbers may then have a
     decimal comma, if no label of the table has a point.
@@ -159,7 +194,7 @@ def read_rows(
     Raises:
         DataError: the table cannot be used, or a row is faulty: all rows with the same fault are named at once.
     """
-    asked = [image_column, *target_columns, *([] if group_column is None else [group_column])]
+    asked = [image_column, *target_columns, *naming]
     lines = Lines(table)
     rows = _rows(table, asked, remedy, lines=lines, directories=directories, targets=len(target_columns))
     if not rows:
@@ -191,10 +226,10 @@ def read_rows(
         wrong,
         "correct them, written as 12, -0.5 or 1.5e-3, or remove these lines",
     )
-    if group_column is not None:
-        empty = [row.place for row in present if not row.group]
-        remedy = "write there what the images of one press share"
-        check_no_faults(f"{table.name} has rows without a value in {group_column}", empty, remedy)
+    for number, column in enumerate(naming):
+        empty = [row.place for row in present if not row.named[number]]
+        remedy = "write there what names the group, the sensor or the part of the image"
+        check_no_faults(f"{table.name} has rows without a value in {column}", empty, remedy)
     return ReadTable(present, len(rows) - len(present), lines.blank)
 
 
@@ -211,7 +246,7 @@ def _check_images_exist(table: Path, rows: Sequence[Row], directories: Sequence[
 def _rows(
     table: Path, asked: Sequence[str], remedy: str, *, lines: Lines, directories: Sequence[Path], targets: int
 ) -> list[Row]:
-    """Read the rows of a table, with the asked columns only: the image's, so many targets, and perhaps the group's."""
+    """Read the rows of a table, with the asked columns only: the image's, so many targets, and perhaps others."""
     _, header = next(lines.values, (1, []))
     numbers = _columns(table, header, asked, remedy, lines.separator)
     picked, long = [], []
@@ -243,7 +278,7 @@ def _row(line: int, texts: Sequence[str], directories: Sequence[Path], targets: 
         is_there=place is not None,
         is_outside=bool(there) and not inside,
         texts=tuple(_pointed(text) if has_commas else text for text in labels),
-        group="".join(texts[targets + 1 :]).strip(),
+        named=tuple(text.strip() for text in texts[targets + 1 :]),
     )
 
 

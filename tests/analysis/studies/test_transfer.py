@@ -13,12 +13,12 @@ from analysis.report.collection import Collection, Compared, tables_of, with_lar
 from analysis.runs.niches import Niches
 from analysis.statistics.tests import blocked_mann_whitney, holm
 from analysis.studies.comparison import compare
-from analysis.studies.transfer import concordance, is_alone, joint, transfers
+from analysis.studies.transfer import concordance, is_alone, joint, sensor_groups, transfers
 from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
 from analysis.table import Percent
 from analysis.tables.comparison import ONE_SPLIT
-from analysis.tables.transfer import OWN, joint_table, transfer_table, transfer_tables
+from analysis.tables.transfer import OWN, joint_table, sensor_table, transfer_table, transfer_tables
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 
@@ -90,6 +90,42 @@ def test_data_are_named_by_what_tells_them_apart() -> None:
     whole = replace(elsewhere(ONE, 3), other_data=(("sensor", "A+B"),))
     table = transfer_table([(study, None) for study in (whole, *moved)])
     assert list(dict.fromkeys(row[0] for row in table.rows)) == ["sensor=A+B", "test_sensor=A", "test_sensor=B"]
+
+
+def on_sensors(number: int, **other: object) -> RecordedStudy:
+    """Make a study with other sensors than the run's."""
+    values = {name: around(0.01 * (number + place), step=0.0001) for place, name in enumerate(ONE)}
+    return replace(elsewhere(values, number), other_data=tuple(other.items()))  # type: ignore[arg-type]
+
+
+def test_sensors_are_one_matrix_whatever_the_protocol() -> None:
+    """Rows are what was trained on, columns what was tested; the run's own sensor counts, and gaps are told."""
+    own = replace(run([trained(0, 0, 0.5)], [closed(0, 0.5)], elites=[]).config.data, sensor="A")
+    studies = [
+        study_of(ONE),
+        on_sensors(2, sensor="B"),
+        on_sensors(3, sensor="B", test_sensor="A"),
+        on_sensors(4, sensor="A+B", test_sensor="B"),  # which trains on A
+        on_sensors(5, sensor="A+B+C", test_sensor="C"),
+        on_sensors(6, sensor="A+B+C", test_sensor="B"),
+        on_sensors(7, sensor="*", test_sensor="C", shots=5),
+    ]
+    apart = [elsewhere(ONE, 8), replace(on_sensors(9, sensor="B"), seeds=3)]
+    (group,) = sensor_groups([*studies, *apart], own)
+    table = sensor_table(group)
+    assert table.columns == ("network", "trained on", "tested on A", "tested on B", "tested on C")
+    assert table.rows[:5] == (
+        ("baseline", "A", 0.02, 0.04, None),
+        ("baseline", "B", 0.03, 0.02, None),
+        ("baseline", "all others, 5 shots", None, None, 0.07),
+        ("baseline", "the others of A+B+C", None, 0.06, 0.05),
+        ("a", "A", 0.01, 0.05, None),
+    )
+    assert any("data.test_sensor=A,B,C" in note for note in table.notes)
+    protocols = [[study.where for study, _ in group] for group in transfers((study, None) for study in studies)]
+    assert [len(one) for one in protocols] == [2, 2]  # within; the others of three: neither across, nor all others
+    names = [table.name for table in tables_of(collection(*studies), None)]
+    assert names.count("study1/transfer_sensors") == 1
 
 
 def test_agreement_on_the_order_is_kendalls_w() -> None:

@@ -23,7 +23,7 @@ def test_plain_samples_need_no_caution() -> None:
 @pytest.mark.parametrize(
     ("x", "y", "expected"),
     [
-        ([3.2] * 6, PLAIN, {Caution.identical, Caution.ties, Caution.spreads}),
+        ([3.2] * 6, PLAIN, {Caution.equal_values, Caution.ties, Caution.spreads}),
         ([1.0, 2.1, 3.1, 4.1, 5.1, 6.1], PLAIN, {Caution.ties}),
         (PLAIN * 2.1 - 4.05, PLAIN, {Caution.spreads}),
         (PLAIN * 1.9 - 3.45, PLAIN, set()),

@@ -101,11 +101,11 @@ def test_only_shared_seeds_are_paired() -> None:
     assert row.p == mann_whitney([0.5, 0.7, 0.1], [0.5, 0.6, 0.7]).p
 
 
-def test_identical_values_are_not_mann_whitney_of() -> None:
-    """The same network archive seed by seed is not a finding of p = 1; other arms are corrected as if it were."""
+def test_equal_values_are_not_mann_whitney_of() -> None:
+    """The same value seed by seed is not a finding of p = 1; other arms are corrected as if it were."""
     ablation = compare_arms(jobs({"none": NONE, "same": NONE, "better": BETTER}))
     same = contrast(ablation, "same")
-    assert (same.comparability, same.equal, is_untested(same)) == (Comparability.identical, 5, True)
+    assert (same.comparability, same.equal, is_untested(same)) == (Comparability.equal_values, 5, True)
     assert contrast(ablation, "better").p_holm == pytest.approx(2 * 2 / 252)
 
 
@@ -173,10 +173,10 @@ def test_equal_values_on_shared_seeds_alone_are_mann_whitney_of() -> None:
     assert contrast(longer, "more").comparability == Comparability.comparable
 
 
-def test_one_value_everywhere_is_identical() -> None:
-    """Also where the arms share no seed."""
+def test_one_value_everywhere_is_equal_values() -> None:
+    """Also where the arms share no seed: the runs are others, so they are not identical."""
     ablation = compare_arms(jobs({"none": {0: 0.5, 1: 0.5}, "a": {2: 0.5, 3: 0.5}}))
-    assert contrast(ablation, "a").comparability == Comparability.identical
+    assert contrast(ablation, "a").comparability == Comparability.equal_values
 
 
 @pytest.mark.parametrize(("none", "other"), [([0.5], [0.4, 0.3]), ([0.5, 0.6], [0.4]), ([0.5], [0.5])])

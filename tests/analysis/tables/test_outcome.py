@@ -13,6 +13,9 @@ from analysis.table import Between, Percent, PValue
 from analysis.tables.comparison import scores_table
 from analysis.tables.noise import noise_table
 from analysis.tables.outcome import MOST, noise_outcome, study_outcome
+from analysis.tables.transfer import transfer_table
+from tacevo.choices import MarginKind
+from tacevo.config.study import Margin
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 from tacevo.rounding import rounded
@@ -45,7 +48,9 @@ def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
     rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     assert [row["network"] for row in rows] == names
     for row, variant in zip(rows[1:], comparisons.itertuples(), strict=True):
-        assert row["verdict (p)"] == f"{variant.verdict} ({shown(PValue(variant.p_holm))})"
+        equal = variant.verdict == "equivalent"  # whose word another test gave
+        p, margin = (variant.p_equivalence_holm, ", margin 0.00100") if equal else (variant.p_holm, "")
+        assert row["verdict (p)"] == f"{variant.verdict} ({shown(PValue(p))}{margin})"
     assert {str(row["verdict (p)"]).partition(" ")[0] for row in rows[1:]} == {
         *("better", "worse", "equivalent", "undecided")
     }
@@ -54,6 +59,23 @@ def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
         assert row["test MSE [95 %]"] == Between(interval.estimate, interval.low, interval.high)
     assert [row[ONE_DRAW] for row in rows] == [0.1] * 5
     assert [row["re-estimated"] for row in rows] == [0.2, 0.4, 0.6, 0.8, 1.0]
+
+
+def test_equivalent_network_has_the_p_and_the_margin_of_its_test() -> None:
+    """Of accuracies the margin counts in points; the table of transfer and a study's figure have that p, too."""
+    accuracies = {name: [0.9 + value for value in values] for name, values in FOUR.items()}
+    study = identified(study_of(accuracies, kind=Kind.classification))
+    study = replace(study, terms=replace(study.terms, margin=Margin(value=0.001, kind=MarginKind.absolute)))
+    comparisons = compare(study)
+    (variant,) = (one for one in comparisons.itertuples() if one.verdict == "equivalent")
+    p = shown(PValue(variant.p_equivalence_holm))
+    assert p != shown(PValue(variant.p_holm))
+    table = study_outcome(study, comparisons, None, record="one draw", is_alone=False, trivial=None)
+    assert f"equivalent ({p}, margin 0.1 pt)" in {cell for row in table.rows for cell in row}
+    moved = transfer_table([(study, comparisons), (study, comparisons)])
+    ps = {row[4] for row in moved.rows if row[5] == "equivalent"}
+    assert ps == {PValue(variant.p_equivalence_holm)}
+    assert any("margin is 0.1 pt" in note for note in moved.notes)
 
 
 def test_network_that_was_not_trained_again_has_an_empty_cell() -> None:

@@ -1,0 +1,77 @@
+"""Where the stores and the data of a recorded run lie, for a command that may be given in another directory.
+
+A relative `store.root` or `data.root` is looked up in the directory that the run was made in, as far as its `run.dir`
+tells, then in the working directory, then in the directories above the run, the nearest first. A store is the run's
+only where it holds a training of the run: another one of that name is never read in its place, or written to.
+"""
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path, PurePath
+
+from tacevo.config.schema import RunConfig
+from tacevo.storage.members import Member
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.store import place_of
+
+#: In a line of a ledger, the key of a training, which its store has under this name.
+_EVALUATION = re.compile(rb'"evaluation":"([0-9a-f]{64})"')
+
+
+def found_store(directory: RunDirectory, config: RunConfig) -> str:
+    """Return where the stores of a run in a directory lie; where they are not found, what the run recorded."""
+    name = config.store.root
+    if PurePath(name).is_absolute():
+        return name
+    places = [place for place in _places(name, directory.path, config.run.dir) if place.is_dir()]
+    if key := _first_training(directory):
+        places = [place for place in places if (place / place_of("evaluations", key)).exists()]
+    return _as_written(name, places)
+
+
+def _first_training(directory: RunDirectory) -> str | None:
+    """Return the key of the first training in the ledger of a run; None without one."""
+    if not directory.ledger.exists():
+        return None
+    with directory.ledger.open("rb") as lines:
+        return next((found[1].decode() for line in lines if (found := _EVALUATION.search(line))), None)
+
+
+def found_data(directory: RunDirectory, config: RunConfig) -> str | None:
+    """Return where the data set of a run lies; where nothing is found, what the run recorded."""
+    name = config.data.root
+    if name is None:
+        return None
+    return _as_written(name, [place for place in _places(name, directory.path, config.run.dir) if place.exists()])
+
+
+def _places(name: str, run: Path, made_as: str | None) -> Iterator[Path]:
+    """List the paths that a name in the settings of a run may mean, each once."""
+    known: set[Path] = set()
+    for folder in (Path(),) if PurePath(name).is_absolute() else _folders(run, made_as):
+        path = folder / name
+        if (real := path.resolve()) not in known:
+            known.add(real)
+            yield path
+
+
+def _folders(run: Path, made_as: str | None) -> Iterator[Path]:
+    """List the directories in which relative names of a run are looked up; a bundle lies where its file does."""
+    if isinstance(run, Member):
+        yield Path()
+        yield from run.file.resolve().parents
+        return
+    path = run.resolve()
+    own = PurePath("runs", path.name) if made_as is None else PurePath(made_as)
+    if not own.is_absolute() and path.parts[-len(own.parts) :] == own.parts:
+        yield Path(*path.parts[: -len(own.parts)])
+    yield Path()
+    yield from path.parents
+
+
+def _as_written(name: str, places: list[Path]) -> str:
+    """Return the first place, by the name itself where that leads there from the working directory."""
+    if not places or (os.path.exists(name) and os.path.samefile(name, places[0])):
+        return name
+    return str(places[0])
