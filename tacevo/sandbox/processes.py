@@ -43,35 +43,20 @@ class Memory:
     peak: float
 
 
-def memory(pid: int, *, is_exact: bool = False) -> Memory:
+def memory(pid: int, mapped_mib: float = 0.0) -> Memory:
     """Read the memory of a process; all fields are 0 where it is gone.
 
-    Pages of a file that lies in memory (tmpfs) count as shared, unless `is_exact`, which takes some milliseconds more.
+    Of a file that lies in memory (tmpfs) the pages that are mapped count as shared, and nothing tells them from others.
+    So of what is shared, as much as such files can take is theirs: `mapped_mib`.
     """
     fields = _status(pid)
     shared = _mib(fields, "RssShmem")
-    in_memory = min(shared, _mapped_in_memory(pid)) if shared and is_exact else 0.0
+    of_files = min(shared, mapped_mib)
     return Memory(
-        anonymous=_mib(fields, "RssAnon") + shared - in_memory,
-        of_files=_mib(fields, "RssFile") + in_memory,
+        anonymous=_mib(fields, "RssAnon") + shared - of_files,
+        of_files=_mib(fields, "RssFile") + of_files,
         peak=_mib(fields, "VmHWM"),
     )
-
-
-def _mapped_in_memory(pid: int) -> float:
-    """Return how much of its shared memory, in MiB, are pages of files with a name, as on a tmpfs.
-
-    Such a file was open before its process was confined, as the images are. Memory that a process makes to be shared
-    has no name, or one that is marked as deleted.
-    """
-    total, is_named = 0.0, False
-    for line in _read(Path(f"/proc/{pid}/smaps")).splitlines():
-        first, *rest = line.split(maxsplit=5)
-        if not first.endswith(":"):  # the head of a mapping: addresses, rights, offset, device, inode, path
-            is_named = len(rest) == 5 and rest[0][3] == "s" and not rest[4].endswith(" (deleted)")
-        elif is_named and first == "Rss:":
-            total += int(rest[0]) / 1024
-    return total
 
 
 def cpu_seconds(pid: int) -> float:

@@ -70,7 +70,17 @@ def _serve(
     os.close(theirs)
     os.set_blocking(pipe, False)
     limits = Limits(**job["limits"])
-    watch = _Watch(pid, pipe, channel, limits, bounds, prepared=job["prepared"], equips=equip is not None, told=told)
+    watch = _Watch(
+        pid,
+        pipe,
+        channel,
+        limits,
+        bounds,
+        prepared=job["prepared"],
+        equips=equip is not None,
+        told=told,
+        mapped_mib=sum(array.nbytes for array in arrays.values()) / 2**20,
+    )
     verdict = watch.until_the_end()
     # Measured here, where the candidate cannot reach. What is reaped already counts as this process's children.
     cpu = sum(map(cpu_seconds, (supervisor, *descendants(supervisor))))
@@ -82,7 +92,7 @@ class _Watch:
     """What a supervisor knows of its candidate: a child, and the end of its result pipe, which must not block.
 
     When the channel to the search closes, the search no longer waits. `told` and `prepared` are as in `child.run`.
-    Where the child `equips` itself first, that has the limits too; the candidate's time begins afterwards, and the
+    `mapped_mib` is what the arrays take. Where the child `equips` itself first, that has the limits too; the candidate's time begins afterwards, and the
     search is told so.
     """
 
@@ -97,6 +107,7 @@ class _Watch:
         prepared: bool,
         equips: bool,
         told: mmap.mmap | None,
+        mapped_mib: float,
     ) -> None:
         self.frames: list[Message] = []
         #: What is left to be sent of the frame that the search is to score.
@@ -112,7 +123,8 @@ class _Watch:
         self._search = channel.stream.fileno()
         self._end = os.pidfd_open(pid)
         self._deadline = time.monotonic() + limits.seconds
-        self._inherited_mib = memory(os.getpid()).anonymous
+        self._mapped_mib = mapped_mib
+        self._inherited_mib = memory(os.getpid(), mapped_mib).anonymous
         self._files_mib: dict[int, float] = {}  # process id -> most memory of mapped files seen so far
         self._splitter = Splitter(bounds)
         self._poll = select.poll()
@@ -266,20 +278,16 @@ class _Watch:
 
     def _has_too_much_memory(self) -> bool:
         """Return whether the whole tree has, or briefly had, more memory than allowed, without what it inherited."""
-        limit = self._limits.memory_mib
-        return self._used_mib() > limit and self._used_mib(is_exact=True) > limit
+        used = sum(max(0.0, self._peak_mib(pid) - self._inherited_mib) for pid in descendants(os.getpid()))
+        return used > self._limits.memory_mib
 
-    def _used_mib(self, *, is_exact: bool = False) -> float:
-        peaks = (self._peak_mib(pid, is_exact=is_exact) for pid in descendants(os.getpid()))
-        return sum(max(0.0, peak - self._inherited_mib) for peak in peaks)
-
-    def _peak_mib(self, pid: int, *, is_exact: bool) -> float:
+    def _peak_mib(self, pid: int) -> float:
         """Return the most memory not backed by files that a process ever held, in MiB, or a little less.
 
         The kernel records the peak of all memory. The limit does not count mapped files; at the peak they took at most
         what this process has seen them take.
         """
-        seen = memory(pid, is_exact=is_exact)
+        seen = memory(pid, self._mapped_mib)
         self._files_mib[pid] = max(seen.of_files, self._files_mib.get(pid, 0.0))
         return max(seen.anonymous, seen.peak - self._files_mib[pid])
 
