@@ -162,8 +162,6 @@ class Run:
         directory: str | os.PathLike[str],
         *other: str,
         retrained: bool = False,
-        register: str | None = None,
-        uri: str = "",
         quiet: bool = False,
         **settings: Any,
     ) -> Path:
@@ -174,8 +172,6 @@ class Run:
             directory: which must not exist.
             other: `"data.root=DIR"`, where the data set of the run lies, if it was moved.
             retrained: whether a training that is not recorded, or goes otherwise than recorded, is an error.
-            register: the name under which its ONNX model is registered in MLflow as well.
-            uri: of that MLflow; empty for the run's own, or else that in MLFLOW_TRACKING_URI.
             quiet: whether to show no progress on standard error.
             settings: as of `tacevo export`, such as `seeds=3, like="search"`.
 
@@ -187,10 +183,8 @@ class Run:
             DataError: the data set of the run is missing.
             DivergenceError: with `retrained`, a training is not as recorded; or a study of it does not follow from the
                 stores.
-            RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so; or with
-                `register`, MLflow fails, before anything is trained or after the directory is whole.
+            RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so.
         """
-        from tacevo.api.registry import Registry
         from tacevo.export.directory import export as write_export  # composes the recipe of a study, with Hydra
         from tacevo.export.trainings import ExportSettings
 
@@ -199,17 +193,11 @@ class Run:
         self._read_source(candidate)
         check_walls(self.place)
         line = next(line for line in self.recorded.candidates if line.id == candidate)
-        if uri and register is None:
-            remedy = "give --register NAME, too"
-            raise ConfigError(uri, place="--uri", expected="no address where nothing is registered", remedy=remedy)
-        registry = None if register is None else Registry(self.recorded, register, uri)
         with progress(quiet, silence=5.0) as view:
             bundle = self.place.digest
-            model = write_export(
+            write_export(
                 self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view, root=root
             )
-            if registry is not None:
-                view.say(registry.take(model, Path(directory)))
         return Path(directory)
 
     @cached_property

@@ -307,11 +307,17 @@ def add_export(parser: Parser) -> None:
         action="store_true",
         help="fail where a training is not recorded, or goes otherwise than recorded",
     )
-    parser.add_argument("--register", metavar="NAME", help="register the ONNX model in MLflow, too")
-    parser.add_argument(
-        "--uri", default="", help="MLflow tracking URI (default: the run's own, else MLFLOW_TRACKING_URI)"
+    parser.add_argument("--register", help=argparse.SUPPRESS)  # for one release, to name what took its place
+    parser.set_defaults(
+        command=_later("export", "export", _check_export), interrupted="the directory is whole or absent"
     )
-    parser.set_defaults(command=_later("export", "export"), interrupted="the directory is whole or absent")
+
+
+def _check_export(options: argparse.Namespace) -> None:
+    if options.register is not None:
+        model, name = f"{options.output}/model.onnx", options.register
+        instead = f"mlflow.onnx.log_model(onnx.load({model!r}), name='model', registered_model_name={name!r})"
+        options.parser.error(f"--register is gone: export without it, then call {instead}")
 
 
 def add_publish(parser: Parser) -> None:

@@ -17,8 +17,7 @@ def run_export(options: argparse.Namespace) -> int:
     other = [text for text in options.overrides if text.startswith("data.")]
     settings = _settings([text for text in options.overrides if text not in other])
     run = open_run(options.run, store=existing_store(options.store))
-    to = {"register": options.register, "uri": options.uri}
-    run.export(options.candidate, options.output, *other, retrained=options.retrained, **to, **settings)
+    run.export(options.candidate, options.output, *other, retrained=options.retrained, **settings)
     tell(f"{options.output}: README.md says how to use it")
     return DONE
 

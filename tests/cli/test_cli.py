@@ -170,6 +170,7 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
         (["search", "-m", "seed=1,2"], "experiment: expected one of demo, "),
         (["search", "experiment=demo", "seed=0,1"], "expected one value: this runs once; got seed=0,1"),
         (["search", "experiment=demo", "seed=range(0,2)"], "`tacevo search -m ...` runs a sweep of all values"),
+        (["export", ".", "g00s00", "-o", "x", "--register", "shear"], "registered_model_name='shear'"),
         (["replay", ".", "--diff", "other"], "diff ./ledger.jsonl other/ledger.jsonl"),
         (["report", ".", "--latex", "--follow"], "does not go with --latex"),
         (["tables"], "name a run or a sweep, or give --paper"),

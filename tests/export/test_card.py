@@ -19,7 +19,6 @@ from rendered import HOSTILE, meant, skeleton
 from rich.console import Console
 
 import tacevo
-from tacevo.api.registry import Registry
 from tacevo.data.dataset import Dataset
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.image_files import decode
@@ -195,14 +194,6 @@ def test_what_onnx_cannot_hold_is_said_and_the_rest_is_written(of_forces: Export
     assert "onnxruntime" not in text
     assert "no model.onnx" in said.getvalue()
     assert "aten.kthvalue" in said.getvalue()
-
-
-@pytest.mark.slow
-def test_what_is_no_onnx_is_not_registered(of_forces: Exported, place: Path) -> None:
-    """The directory stands; the error says why there is no such file."""
-    registry = Registry(of_forces.run, "shear", f"sqlite:///{place}/mlflow.db")
-    with refused(RunError, got="aten.kthvalue", remedy="whole without it"):
-        registry.take(replace(of_forces, onnx=None, without_onnx="aten.kthvalue"), place / "model")
 
 
 def test_class_that_says_something_else_is_not_exported(of_forces: Exported) -> None:
