@@ -17,6 +17,7 @@ from tacevo.config.identity import identity, llm_identity
 from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.run import read_run
+from tacevo.results.table_files import with_table
 from tacevo.rules import CURRENT, Rules
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
@@ -61,6 +62,8 @@ def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, c
         )
     config = continued(recorded.config, overrides, end=end, spent=recorded.training_flops)
     _check_rules(recorded.rules)
+    if not any(override.startswith("data.root=") for override in overrides):
+        config = with_table(config, recorded.record.data.fingerprint, Path(str(run)), option="data.root=FILE")
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
     llm = needed_llm(config)

@@ -9,15 +9,21 @@ from pathlib import Path
 from tacevo.api.replaying import digest_of, extended, replay
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.verify import Rerun, Verified
+from tacevo.choices import DataSource
 from tacevo.cli.common import DIFFERENT, DONE, existing_store, tell
+from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
+from tacevo.errors import ConfigError
 from tacevo.reproduce.compare import compare
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
 from tacevo.results.run import read_run
+from tacevo.results.settings import settings_of
 from tacevo.results.space_table import is_table, read_table
+from tacevo.results.table_files import with_table
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.text import counted, listed
 
 #: How many draws there are: more than an author can prepare for, and few digits to type again.
@@ -35,11 +41,12 @@ def run_replay(options: argparse.Namespace) -> int:
         place = opened(Path(options.run))
         if options.retrain is not None:
             check_walls(place)
+            configs = _with_tables(place, options)  # before anything is run again
         # The --store of a published run is for the images of --retrain, and need not exist yet.
         done = replay(place, None if place.digest else existing_store(options.store), view)
         told = _told(place, done)
         if options.retrain is not None:
-            told.append(_retrain(done.runs, options, view))
+            told.append(_retrain(done.runs, configs, options, view))
     for text in [*told, _verdict(done), f"digest: {digest_of(place, done)}"]:
         tell(text)
     return DONE
@@ -117,10 +124,35 @@ def _diff(options: argparse.Namespace) -> int:
     return DONE if is_equal else DIFFERENT
 
 
-def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress) -> str:
+def _with_tables(place: Opened, options: argparse.Namespace) -> list[RunConfig]:
+    """Return the configuration of each run, with the place at which the table lies that it looked evaluations up in.
+
+    Raises:
+        DataError, BundleError: as `find_table`.
+        ConfigError: a table is named, and no run looked anything up.
+    """
+    named = None if options.table is None else Path(options.table)
+    found = []
+    for run in place.runs:
+        directory = RunDirectory(run)
+        fingerprint = directory.read_run().data.fingerprint
+        config = settings_of(directory)
+        found.append(with_table(config, fingerprint, Path(options.run), named, option="--table FILE"))
+    if named is not None and all(config.data.source is not DataSource.table for config in found):
+        raise ConfigError(options.table, place="--table", expected="no table: these searches trained")
+    return found
+
+
+def _retrain(
+    runs: Sequence[Rerun], configs: Sequence[RunConfig], options: argparse.Namespace, view: Progress
+) -> str:
     """Train candidates of a run or a sweep again; describe what was compared."""
     store = options.store  # of a published run, the images may lie elsewhere than what it holds
-    recorded = [done.run if store is None else done.run.with_store(store) for done in runs]
+    recorded = [
+        replace(done.run, config=replace(done.run.config, data=config.data))
+        for done, config in zip(runs, configs, strict=True)
+    ]
+    recorded = [run if store is None else run.with_store(store) for run in recorded]
     draw = options.draw or 1 + secrets.randbelow(_DRAWS)  # of this machine: a bundle's own seed is known to its author
     return retrain(recorded, options.retrain or None, draw, view)
 

@@ -24,7 +24,7 @@ from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, to_json, written
 from tacevo.redaction import without_password
 from tacevo.results.run import RecordedRun
-from tacevo.results.summary import in_short, summarise
+from tacevo.results.summary import evaluated, in_short, summarise
 from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data, trivial_of
@@ -135,6 +135,7 @@ def record(
                 view,
                 usable=usable,
                 trivial=trivial,
+                did=evaluated(config),
                 at_once=config.executor.workers if is_elsewhere else trainings_at_once(config),
                 saving=partial(part_saved, config, len(data.train)),
                 elsewhere=asks_elsewhere(config.llm),
@@ -323,11 +324,12 @@ class _Recorder(Watcher):
         *,
         usable: UsableAnswers,
         trivial: float,
+        did: str,
         at_once: int,
         saving: Callable[[], float],
         elsewhere: bool,
     ) -> None:
-        super().__init__(plan, view, trivial, at_once=at_once, saving=saving)
+        super().__init__(plan, view, trivial, did=did, at_once=at_once, saving=saving)
         self._usable = usable
         self._directory = directory
         self._ledger = ledger

@@ -38,6 +38,7 @@ from tacevo.results.study_lines import (
     StudyTerms,
     fewest_seeds,
 )
+from tacevo.results.table_files import with_table
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.looked_up import check_fresh
@@ -141,9 +142,10 @@ def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
     """
     run = read_run(Path(config.run or ""), config.store.root)
     elites = None if isinstance(config.elites, str) else config.elites
+    here = with_table(run.config, run.record.data.fingerprint, run.path)
     plan = _plan(
         run,
-        replace(run.config, executor=config.executor),
+        replace(here, executor=config.executor),
         elites=elites,
         seeds=config.seeds,
         terms=None,
