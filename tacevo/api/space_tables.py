@@ -129,7 +129,7 @@ class SpaceTable:
             ConfigError: it is not an open run.
         """
         if not isinstance(run, Run):
-            raise _not_open(run, "run", "an open run")
+            raise _not_open(run, "run", "one run, opened")
         self._check_of(run)
         if run.elites.empty:
             raise RunError("none", place=run.name, expected="at least one elite")
@@ -158,7 +158,7 @@ class SpaceTable:
         from tacevo.api.sweeps import Sweep  # imports the comparison of arms, which most tables are not opened for
 
         if not isinstance(sweep, Sweep):
-            raise _not_open(sweep, "sweep", "an open sweep, whose arms are compared")
+            raise _not_open(sweep, "sweep", "a sweep, opened, whose arms are compared")
         for run in sweep.runs:
             self._check_of(run)
         compared = sweep.collection().ablation

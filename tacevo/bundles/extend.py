@@ -63,7 +63,9 @@ def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, c
     config = continued(recorded.config, overrides, end=end, spent=recorded.training_flops)
     _check_rules(recorded.rules)
     if not any(override.startswith("data.root=") for override in overrides):
-        config = with_table(config, recorded.record.data.fingerprint, Path(str(run)), option="data.root=FILE")
+        config = with_table(
+            config, recorded.record.data.fingerprint, Path(str(run)), option="data=table data.root=FILE"
+        )
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
     llm = needed_llm(config)

@@ -215,8 +215,9 @@ def _origin(run: RecordedRun, folder: str) -> str:
         )
     if data.source is DataSource.table:
         return (
-            f"None are needed: evaluations were looked up in a table. To retrain, lay it as {as_code(str(data.root))} "
-            "(data.root)."
+            f"None are needed: evaluations were looked up in a table, {as_code(str(data.root))}, whose digest this is. "
+            "To look them up again, lay it beside this file or into cache/tables, under any name that ends in .zip, or "
+            "name it by `tacevo replay FILE --retrain --table TABLE`."
         )
     return (
         "They are not part of this bundle: ask those who recorded them. To retrain, lay them as "

@@ -46,7 +46,7 @@ def run_replay(options: argparse.Namespace) -> int:
         done = replay(place, None if place.digest else existing_store(options.store), view)
         told = _told(place, done)
         if options.retrain is not None:
-            told.append(_retrain(done.runs, configs, options, view))
+            told.append(_retrain([_with_data(*pair) for pair in zip(done.runs, configs, strict=True)], options, view))
     for text in [*told, _verdict(done), f"digest: {digest_of(place, done)}"]:
         tell(text)
     return DONE
@@ -143,16 +143,15 @@ def _with_tables(place: Opened, options: argparse.Namespace) -> list[RunConfig]:
     return found
 
 
-def _retrain(
-    runs: Sequence[Rerun], configs: Sequence[RunConfig], options: argparse.Namespace, view: Progress
-) -> str:
+def _with_data(done: Rerun, config: RunConfig) -> Rerun:
+    """Return a run that was run again with the data of another configuration."""
+    return replace(done, run=replace(done.run, config=replace(done.run.config, data=config.data)))
+
+
+def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress) -> str:
     """Train candidates of a run or a sweep again; describe what was compared."""
     store = options.store  # of a published run, the images may lie elsewhere than what it holds
-    recorded = [
-        replace(done.run, config=replace(done.run.config, data=config.data))
-        for done, config in zip(runs, configs, strict=True)
-    ]
-    recorded = [run if store is None else run.with_store(store) for run in recorded]
+    recorded = [done.run if store is None else done.run.with_store(store) for done in runs]
     draw = options.draw or 1 + secrets.randbelow(_DRAWS)  # of this machine: a bundle's own seed is known to its author
     return retrain(recorded, options.retrain or None, draw, view)
 

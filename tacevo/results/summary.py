@@ -75,9 +75,7 @@ def worth(config: RunConfig) -> str:
     """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
     seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
     one, several = _LOSSES[config.training.fitness]
-    losses = (one if seeds == 1 and not or_more else several).format(
-        "recorded" if is_looked_up(config) else "training"
-    )
+    losses = (one if seeds == 1 and not or_more else several).format("recorded" if is_looked_up(config) else "training")
     return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
 
 

@@ -5,13 +5,12 @@ fails, its exit status is 1 and its last line of output is the reason.
 """
 
 import argparse
-import contextlib
-import os
 import select
 import sys
 import traceback
 from pathlib import Path
 
+from tacevo.sandbox.kernel import keep_priority, lower_priority
 from tacevo.tracking.process import prepare, store_address, without_address
 
 _LOW_PRIORITY = 10
@@ -22,7 +21,8 @@ _PAUSE_SECONDS = 1.0
 def main() -> int:
     """Mirror one run; return the exit status."""
     options = _options()
-    _lower_priority()
+    lower_priority(_LOW_PRIORITY)  # the processors are the search's
+    keep_priority()
     prepare()
     try:
         from tacevo.tracking.mirror import mirror
@@ -47,13 +47,6 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--experiment", required=True, help="the name of the MLflow experiment")
     parser.add_argument("--follow", action="store_true", help="continue until standard input ends")
     return parser.parse_args()
-
-
-def _lower_priority() -> None:
-    """Leave the processors to the search."""
-    os.nice(_LOW_PRIORITY)
-    with contextlib.suppress(OSError):  # where Linux groups by session, nice counts only within the group
-        Path("/proc/self/autogroup").write_text(str(_LOW_PRIORITY))
 
 
 def _has_input_ended() -> bool:
