@@ -163,13 +163,11 @@ class SpaceTable:
             self._check_of(run)
         compared = sweep.collection().ablation
         shared = len(set.intersection(*(set(rows["seed"]) for _, rows in compared.jobs.groupby("arm"))))
-        few = ConfigError(
-            repr(seeds),
-            place="seeds",
-            expected=f"a whole number from 2 to {shared // 2}, half of the {shared} seeds that all arms of the sweep have"
-            if shared >= 4
-            else f"a sweep of at least 4 seeds that all arms have, and not of {shared}",
-        )
+        if shared < 4:
+            expected = f"a sweep of at least 4 seeds that all arms have, and not of {shared}"
+        else:
+            expected = f"a whole number from 2 to {shared // 2}, half of the {shared} seeds that all arms have"
+        few = ConfigError(repr(seeds), place="seeds", expected=expected)
         if type(seeds) is not int or seeds < 2:
             raise few
         twins = twins_of(compared.wanted, compared.twins)

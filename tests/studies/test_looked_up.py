@@ -154,12 +154,12 @@ def test_wrong_things_are_told_what_is_wanted(table: SpaceTable, published: Path
     for value in (run, opened, None, 3):
         with refused(ConfigError, place="path", expected=wanted):
             tacevo.open_table(value)  # type: ignore[arg-type]
-    for value in (str(run_path), run_path, opened, None):
-        is_path = isinstance(value, str | os.PathLike)
+    for wrong in (str(run_path), run_path, opened, None):
+        is_path = isinstance(wrong, str | os.PathLike)
         with refused(ConfigError, place="run", expected="one run", remedy="tacevo.open('run')" if is_path else ""):
-            opened.regret(value)  # type: ignore[arg-type]
+            opened.regret(wrong)  # type: ignore[arg-type]
         with refused(ConfigError, place="sweep", expected="a sweep", remedy="tacevo.open('run')" if is_path else ""):
-            opened.size_and_power(value, seeds=2)  # type: ignore[arg-type]
+            opened.size_and_power(wrong, seeds=2)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
