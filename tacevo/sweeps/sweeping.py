@@ -71,6 +71,8 @@ def sweep(
     """
     launcher, settings = split_launcher(overrides)
     check_launcher(launcher)
+    if launcher.remark:
+        view.say(launcher.remark)
     shared, own = part(settings, () if into is None else _own_keys(SweepDirectory(Path(into))))
     read = composer()
     (first,) = plan(shared, own[:1], read=read).values()
