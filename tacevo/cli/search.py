@@ -129,6 +129,8 @@ def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     """Print on one screen what a search found, where all of it is to be seen, remarks, and what to do next."""
     tacevo, run = as_typed("tacevo"), shlex.quote(str(result.directory))
     tell(result.summary)
+    if result.asked:
+        tell(f"now:    {result.asked}")  # the cost above is that of the record, whenever it was paid
     tell(f"read:   {result.directory / 'summary.md'}")
     tell(f"look:   {tacevo} show {run} {result.best}")
     tell(f"verify: {tacevo} replay {run}")

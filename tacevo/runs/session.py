@@ -21,6 +21,7 @@ from tacevo.evolution.lines import GenerationLine, SearchLine
 from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.run_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.state import Plan, SearchState
+from tacevo.llm.recording import RecordingLLM
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, to_json, written
 from tacevo.redaction import without_password
 from tacevo.results.run import RecordedRun
@@ -61,6 +62,8 @@ class Result:
     succeeded: bool
     #: Whether its evaluations are those of a table, which has few other seeds.
     looked_up: bool
+    #: How many answers were asked for and paid now, and how many came from the store (`tacevo.costs.Tally`).
+    asked: str = ""
 
 
 def search(config: RunConfig, view: Progress) -> Result:
@@ -165,6 +168,7 @@ def record(
             best=name,
             succeeded=succeeded,
             looked_up=config.data.source is DataSource.table,
+            asked=llm.tally.in_words if isinstance(llm, RecordingLLM) else "",
         )
 
 
