@@ -230,7 +230,7 @@ def load_prices(name: str) -> PriceTable:
     place = f"llm.prices={name}"
     if not config_file(name, "llm.prices").is_file():
         expected = "a price table, in the working directory or below conf/"
-        raise ConfigError("no file of this name", place=place, expected=expected)
+        raise ConfigError(f"{name}, which is not there", place=place, expected=expected)
     try:
         table = json.dumps(read_yaml(read_named("llm.prices", name)), default=str)  # YAML reads days as dates
     except yaml.YAMLError as error:

@@ -2,7 +2,8 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -287,9 +288,44 @@ def mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iter
     try:
         yield
         finished = True
-        view.say(f"MLflow: waiting for its last lines, {MIRROR_SECONDS:.0f} s at most")
     finally:
-        warning = mirror.finish(MIRROR_SECONDS if finished else 0.0)
+        _wait_for([mirror], view, finished=finished)
+
+
+@contextlib.contextmanager
+def mirrored_together(view: Progress) -> Iterator[list[tuple[RunConfig, RunDirectory]]]:
+    """Mirror finished runs once a block of work is done, one after the other, and wait for that once.
+
+    Yields:
+        A list, to which the block adds each run, with the configuration that says where it is mirrored.
+    """
+    runs: list[tuple[RunConfig, RunDirectory]] = []
+    finished = False
+    try:
+        yield runs
+        finished = True
+    finally:
+        places: dict[tuple[str, str], list[Path]] = {}
+        for config, directory in runs:
+            if config.tracking.kind is not Tracking.none:
+                places.setdefault((config.tracking.uri, config.tracking.experiment), []).append(directory.path)
+        mirrors = [
+            Mirror(first, uri=uri, experiment=experiment, more=more)
+            for (uri, experiment), (first, *more) in places.items()
+        ]
+        for mirror in mirrors:
+            mirror.start()
+        if mirrors:
+            _wait_for(mirrors, view, finished=finished)
+
+
+def _wait_for(mirrors: Sequence[Mirror], view: Progress, *, finished: bool) -> None:
+    """End mirrors, and wait for them where the work that they mirror is finished."""
+    if finished:
+        view.say(f"MLflow: waiting for its last lines, {MIRROR_SECONDS:.0f} s at most")
+    deadline = time.monotonic() + (MIRROR_SECONDS if finished else 0.0)
+    for mirror in mirrors:
+        warning = mirror.finish(max(0.0, deadline - time.monotonic()))
         if warning is not None:
             view.say(warning)
 

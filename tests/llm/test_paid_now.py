@@ -67,7 +67,7 @@ def test_rerun_says_what_was_asked_and_paid_now(
 
 
 def test_prices_are_read_where_one_stands(place: Path) -> None:
-    """By whatever relative name, that of the shipped table among them; else below conf/, and what is nowhere is named."""
+    """By whatever relative name, that of the shipped table, too; else below conf/; and what is nowhere is named."""
     other = [*TINY, "llm.base_url=http://127.0.0.1:1"]
     for name in ("prices.yaml", "./mine.yaml", "deep/er/../mine.yaml", f"{place}/mine.yaml"):
         path = Path(name)
