@@ -174,7 +174,9 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
         "numerics": config.numerics.kind,
         "device": config.training.device,
         "folder": subject.folder,
-        "lock": "requirements.lock pins every package." if has_lock else "No lock file of these versions was at hand.",
+        "lock": "requirements.lock pins every package."
+        if has_lock
+        else "No lock file of these versions was at hand. requirements.lock pins what may change a result.",
         "contents": _OF_SWEEP if is_sweep else _OF_RUN,
     }
     return template.substitute(values)
