@@ -19,11 +19,10 @@ from tacevo.results.publishable import other_device
 from tacevo.results.settings import settings_of
 from tacevo.results.study_directory import is_stated, studies_of
 from tacevo.results.sweep import REFERENCE
-from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored_together
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, SweepRecord, naming
-from tacevo.studies.study import MirrorLater, Studied, estimate_noise, study
+from tacevo.studies.study import MirrorLater, Studied, check_study, estimate_noise, study
 from tacevo.text import counted, listed
 from tacevo.typed import FreeJson
 
@@ -58,14 +57,18 @@ def study_sweep(
         arms=arms,
         other_device=_other_device(directory, finished, config, other),
     )
+
+    def of_job(run: str) -> StudyConfig:
+        return replace(config, run=run, sweep=None, arms=())
+
     for job in finished:
-        with naming(job.name):
-            source_of(settings_of(directory.run(job)))  # what has no test images is not said to be tested
+        with naming(job.name):  # what is refused is not said to be tested
+            check_study(of_job(str(directory.run(job).path)), other)
     if sweep.terms.retraining != retraining:
         _state(directory, retraining)
 
     def train(run: str, later: MirrorLater) -> Studied:
-        studied = study(replace(config, run=run, sweep=None, arms=()), view, other, later)
+        studied = study(of_job(run), view, other, later)
         if (lacking := config.elites + 1 - studied.trainings // config.seeds) > 0:
             places = f"{lacking} of {counted(config.elites, 'place')}"
             view.say(f"no elite for {places}: the baseline counts there, so each job's score is of as many networks")

@@ -118,6 +118,26 @@ def study(
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
+    plan, moved = _planned(config, other)
+    return _carry_out(plan, config.elites if plan.run.answered else 0, view, moved, mirror_later)
+
+
+def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
+    """Check, as far as its run says, that `study` would not refuse this; nothing is written or trained.
+
+    Raises:
+        RunError: the run is not finished, or something of it was damaged or edited, or it lacks what is chosen by.
+        ConfigError: its data are no images, or this machine cannot train as is asked.
+        SandboxError: candidates cannot be confined as the run asks.
+    """
+    plan, moved = _planned(config, other)
+    run = replace(plan.config, data=moved or plan.config.data)
+    source_of(run)
+    check_means(run)
+
+
+def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[_Plan, DataConfig | None]:
+    """Work out what a study follows from, and its data where they are not the run's."""
     run = read_run(Path(config.run or ""), config.store.root)
     elsewhere = replace(run.config, executor=config.executor)
     if other:
@@ -137,8 +157,7 @@ def study(
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
-    moved = elsewhere.data if any(map(is_of_data, other)) else None
-    return _carry_out(plan, config.elites if run.answered else 0, view, moved, mirror_later)
+    return plan, elsewhere.data if any(map(is_of_data, other)) else None
 
 
 def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLater | None = None) -> Studied:
