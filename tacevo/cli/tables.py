@@ -108,8 +108,9 @@ def remarks_of(one: Run | Sweep) -> list[str]:
 
 
 def status_of(one: Run | Sweep) -> int:
-    """Return the exit status: a study of a run that was left out is a failed check."""
-    return DIFFERENT if isinstance(one, Run) and one.collection.left_out else DONE
+    """Return the exit status: a study of a run that was left out is a failed check, and so are unequal twins."""
+    failed = one.collection.left_out if isinstance(one, Run) else one.collection().ablation.unequal_twins
+    return DIFFERENT if failed else DONE
 
 
 def print_table(table: Table, console: Console) -> None:

@@ -1,5 +1,6 @@
 """Runs whose evaluations were looked up say so, find their table by its digest, and advise nothing that it lacks."""
 
+import json
 import os
 import shutil
 from dataclasses import replace
@@ -19,6 +20,7 @@ from tacevo.results.space_table import SpaceTable, read_table, write_table
 from tacevo.results.summary import summarise
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
+from tacevo.storage.store import Store, read_entry
 
 #: Of the table; a search of two epochs leaves two seeds for noise runs.
 SIZES = ("training.epochs=3", "training.seeds=3")
@@ -186,3 +188,32 @@ def test_table_is_made_at_low_priority(place: Path) -> None:
         status = main(["tabulate", "experiment=space", "data=folder", "data.root=absent", "-o", "table.zip"])
         os._exit(os.getpriority(os.PRIO_PROCESS, 0) if status == 2 else 100)
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) in range(os.getpriority(os.PRIO_PROCESS, 0) + 1, 20)
+
+
+@pytest.mark.slow
+def test_twins_that_differ_end_every_command_of_their_sweep_alike(
+    table: SpaceTable, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Arms that are one search by construction, one of them by a store in which a training is another."""
+    sizes = ["seed=0,1", "search.generations=1", "search.candidates=2"]
+
+    def search_arm(arm: str, store: str) -> None:
+        more = [*sizes, f"ablation={arm}", f"store.root={store}"]
+        assert main(["search", "-m", *_settings(table, *more), "--into", "sweep"]) == 0
+
+    commands = (["ablations"], ["tables"], ["figures"], ["report"])
+    search_arm("none", "cache")
+    shutil.copytree("cache", "other")
+    for path in Path("other/evaluations").glob("*/*.json"):
+        entry = read_entry(path)
+        altered = json.loads(
+            json.dumps(entry.answer).replace('"validation_losses": [', '"validation_losses": [0.001, ')
+        )
+        altered["training"]["validation_losses"].pop()
+        path.unlink()
+        Store(Path("other"), "evaluations").write(entry.request, altered)
+    search_arm("no_prompt_archive", "other")
+    for command in commands:
+        capsys.readouterr()
+        assert main([*command, "sweep"]) == 1, command
+        assert "ERROR" in capsys.readouterr().err, command
