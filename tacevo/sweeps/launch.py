@@ -23,7 +23,7 @@ from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.redaction import is_secret_variable
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.sweeps.search_process import Starter, end, keep_ending
+from tacevo.sweeps.search_process import Starter, end, keep_ending, keep_order
 from tacevo.text import first_line
 
 #: What `hydra/launcher=` may name.
@@ -137,6 +137,8 @@ def launch(
     if launcher.cluster:
         from tacevo.sweeps.slurm import launch_on_slurm
 
+        for job, config in jobs.items():
+            keep_order(directory, job, config)
         launch_on_slurm(directory, [*jobs], launcher.options, show)
     else:
         _launch_here(directory, jobs, launcher, show)
