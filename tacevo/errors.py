@@ -20,6 +20,8 @@ A candidate that fails is a value, `tacevo.records.Rejection`, and never an exce
 import contextlib
 from collections.abc import Callable, Iterator
 
+from tacevo.text import unbroken
+
 
 class TacevoError(Exception):
     r"""Anything tacevo raises on purpose.
@@ -45,8 +47,7 @@ class TacevoError(Exception):
     def __str__(self) -> str:
         """Return the fields as one sentence."""
         came = f"expected {self.expected}; got {self.got}" if self.expected else self.got
-        told = (f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else "")
-        return "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in told)
+        return unbroken((f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else ""))
 
 
 class ConfigError(TacevoError, ValueError):

@@ -77,8 +77,13 @@ def printable(text: str) -> str:
 
     Line breaks and tabs stay.
     """
+    return _escaped(text, "\n\t")
+
+
+def _escaped(text: str, kept: str = "") -> str:
+    """Write each character that cannot be printed, but for those that are kept, as an escape."""
     return "".join(
-        letter if letter.isprintable() or letter in "\n\t" else letter.encode("unicode_escape").decode("ascii")
+        letter if letter.isprintable() or letter in kept else letter.encode("unicode_escape").decode("ascii")
         for letter in text
     )
 
@@ -89,8 +94,8 @@ def on_a_line(text: str) -> str:
 
 
 def unbroken(text: str) -> str:
-    r"""Write a text so that it stays on its line: line breaks as the escape `\n`, the rest as of `printable`."""
-    return printable(text).replace("\n", "\\n")
+    r"""Write a text so that it stays on its line: line breaks and tabs as `\n` and `\t`, the rest as of `printable`."""
+    return _escaped(text)
 
 
 def in_markdown(text: str) -> str:

@@ -18,7 +18,7 @@ from analysis.studies.reestimates import losses_by_source
 from analysis.table import Table as Rows
 from tacevo.api import frames, trusted_network
 from tacevo.api.replaying import digest_of, replay
-from tacevo.api.studies import Study
+from tacevo.api.studies import Studies, Study
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, check_walls
 from tacevo.choices import DataSource
@@ -209,17 +209,22 @@ class Run:
         return Path(directory)
 
     @cached_property
-    def studies(self) -> tuple[Study, ...]:
-        """Its finished studies and noise runs that are whole: first those on the run's data, of these on its device."""
+    def studies(self) -> Studies:
+        """Its finished studies and noise runs that are whole: first those on the run's data, of these on its device.
+
+        Printed, they say why others were left out.
+        """
         collection = self.collection
         compared = {one.name: one for one in collection.studies}
         again = {one.name: one for one in collection.reestimates}
         known = [one for one in collection.finished if one.path.name in compared.keys() | again.keys()]
         known.sort(key=lambda one: (bool(one.record.other_data), bool(one.record.other_device), one.path.name))
-        return tuple(
+        studies = Studies(
             Study(self.recorded, one, compared.get(one.path.name), again.get(one.path.name), self._pages_of)
             for one in known
         )
+        studies.left_out = collection.left_out
+        return studies
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
@@ -271,8 +276,10 @@ class Run:
             return tables_of(self.collection, None), [f"no table of motifs: {error}"]
 
     def __repr__(self) -> str:
-        count = len(self.recorded.candidates)
-        return f"<run {self.name}: {self.recorded.task}, {count} candidates, digest {self.digest[:12]}>"
+        """Name it, and once its studies were read, say why some were left out; to read them takes seconds."""
+        count, read = len(self.recorded.candidates), self.__dict__.get("collection")
+        refused = "".join(f"; left out: {reason}" for reason in read.left_out) if read is not None else ""
+        return f"<run {self.name}: {self.recorded.task}, {count} candidates, digest {self.digest[:12]}{refused}>"
 
     def _repr_html_(self) -> str:
         facts = {
