@@ -1,4 +1,7 @@
-"""What a run found, in words and tables, from its ledger alone: for summary.md, the end of a search and the page."""
+"""What a run found, in words and tables: for summary.md, the end of a search and the page.
+
+It follows from the ledger; of candidates that are alike in all that it says, also from their texts.
+"""
 
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -17,6 +20,7 @@ from tacevo.evolution.lines import (
     skipped_note,
 )
 from tacevo.evolution.reevaluation import fitness_by_id
+from tacevo.results.copies import copies
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import significant
 from tacevo.text import counted, drawn, in_markdown, listed, table
@@ -172,7 +176,13 @@ def rates_in_words(run: RecordedRun) -> list[str]:
     skipped = skipped_note(lines, did)
     what = f"{did} or skipped" if skipped else did
     rate = f"Gate: {left} of {answers} {what} ({_percent(share)}); rejected: {rejected}."
-    return [rate, *skipped, *misreported(stages), *_repaired(lines, did), *_cost(run)]
+    return [rate, *_unchanged(run), *skipped, *misreported(stages), *_repaired(lines, did), *_cost(run)]
+
+
+def _unchanged(run: RecordedRun) -> list[str]:
+    """Say how many candidates are a parent's network again, which the rate counts as any other, where one is."""
+    count = sum(run.directory.read_kept(name) is not None for name in copies(run))  # whose text a reader can compare
+    return [f"Unchanged: {counted(count, 'answer')} with the network of a parent again, words aside."] if count else []
 
 
 def _reasons(stage: GateStage) -> str:
