@@ -19,9 +19,10 @@ from tacevo.config.identity import twins_of
 from tacevo.errors import BundleError, ConfigError, RunError
 from tacevo.evolution.descriptors import describe
 from tacevo.records import Rejection
-from tacevo.results.space_table import SpaceTable as Rows
-from tacevo.results.space_table import TableNetwork, read_table
+from tacevo.results.space_table import read_table
 from tacevo.results.study import LOSS
+from tacevo.results.table_records import SpaceTable as Rows
+from tacevo.results.table_records import TableNetwork
 from tacevo.storage.zipfiles import names_in
 from tacevo.training.full import FullTraining
 

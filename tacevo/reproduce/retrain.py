@@ -17,9 +17,9 @@ from tacevo.evolution.lines import TrainedLine, of_training
 from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.results.run import RecordedRun
-from tacevo.results.space_table import Header
 from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.results.study_lines import StudyRecord
+from tacevo.results.table_records import Header
 from tacevo.rules import TRAININGS, check_known
 from tacevo.runs.datasets import load_same, trivial_of
 from tacevo.runs.progress import Progress

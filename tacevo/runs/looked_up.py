@@ -12,7 +12,8 @@ from tacevo.data.dataset import Dataset
 from tacevo.errors import CacheMissError, ConfigError
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, Rejection, Training, to_json
-from tacevo.results.space_table import DECISIVE, SpaceTable, read_table, value_of
+from tacevo.results.space_table import read_table
+from tacevo.results.table_records import DECISIVE, SpaceTable, value_of
 from tacevo.rules import LIKE_TODAY
 from tacevo.sandbox.client import Finished, Frame, RunJob, Score
 from tacevo.storage.canonical import canonical

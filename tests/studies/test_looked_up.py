@@ -16,8 +16,9 @@ from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.errors import BundleError, ConfigError
 from tacevo.results.run import read_run
-from tacevo.results.space_table import SpaceTable, read_table, write_table
+from tacevo.results.space_table import read_table, write_table
 from tacevo.results.summary import summarise
+from tacevo.results.table_records import SpaceTable
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
 from tacevo.storage.store import Store, read_entry
