@@ -20,7 +20,13 @@ A candidate that fails is a value, `tacevo.records.Rejection`, and never an exce
 import contextlib
 from collections.abc import Callable, Iterator
 
-from tacevo.text import unbroken
+
+def escaped(text: str, kept: str = "") -> str:
+    r"""Write each character that cannot be printed, but for those that are kept, as an escape such as `\x1b`."""
+    return "".join(
+        letter if letter.isprintable() or letter in kept else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
 
 
 class TacevoError(Exception):
@@ -47,7 +53,7 @@ class TacevoError(Exception):
     def __str__(self) -> str:
         """Return the fields as one sentence."""
         came = f"expected {self.expected}; got {self.got}" if self.expected else self.got
-        return unbroken((f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else ""))
+        return escaped((f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else ""))
 
 
 class ConfigError(TacevoError, ValueError):

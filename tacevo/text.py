@@ -8,6 +8,8 @@ import threading
 import warnings
 from collections.abc import Collection, Iterable, Sequence
 
+from tacevo.errors import escaped
+
 #: Filters of warnings belong to all threads; and so does, in CPython up to 3.11, the depth that its parser counts (its
 #: issue 106905): two threads that parse at once can end in a SystemError.
 _PARSER = threading.Lock()
@@ -77,15 +79,7 @@ def printable(text: str) -> str:
 
     Line breaks and tabs stay.
     """
-    return _escaped(text, "\n\t")
-
-
-def _escaped(text: str, kept: str = "") -> str:
-    """Write each character that cannot be printed, but for those that are kept, as an escape."""
-    return "".join(
-        letter if letter.isprintable() or letter in kept else letter.encode("unicode_escape").decode("ascii")
-        for letter in text
-    )
+    return escaped(text, "\n\t")
 
 
 def on_a_line(text: str) -> str:
@@ -95,7 +89,7 @@ def on_a_line(text: str) -> str:
 
 def unbroken(text: str) -> str:
     r"""Write a text so that it stays on its line: line breaks and tabs as `\n` and `\t`, the rest as of `printable`."""
-    return _escaped(text)
+    return escaped(text)
 
 
 def in_markdown(text: str) -> str:
