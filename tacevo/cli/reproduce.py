@@ -54,6 +54,8 @@ def run_replay(options: argparse.Namespace) -> int:
 
 def _replay_table(options: argparse.Namespace) -> int:
     """Verify the table of a space."""
+    if options.table is not None:
+        raise ConfigError(options.table, place="--table", expected=f"no table: {options.run} is one itself")
     with Progress() as view:
         table = read_table(Path(options.run))
         verify_table(table)

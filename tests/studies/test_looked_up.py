@@ -110,13 +110,14 @@ def test_published_run_is_extended_by_the_table_that_is_at_hand(place: Path) -> 
 
 
 def test_option_of_the_table_is_for_searches_that_looked_up(
-    published: Path, capsys: pytest.CaptureFixture[str]
+    table: SpaceTable, published: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It means nothing without --retrain, and for a run that trained."""
+    """It means nothing without --retrain, for a run that trained, and for a table itself."""
     run = str(published / "run.zip")
     assert main(["replay", run, "--table", "x.zip"]) == 2
     assert main(["replay", run, "--retrain", "1", "--table", "x.zip"]) == 2
-    assert capsys.readouterr().err.count("--table") >= 2
+    assert main(["replay", str(table.path), "--retrain", "1", "--table", "x.zip"]) == 2
+    assert capsys.readouterr().err.count("error: --table") == 2
 
 
 def test_noise_run_advises_nothing_that_a_table_has_not(table: SpaceTable, capsys: pytest.CaptureFixture[str]) -> None:
