@@ -288,7 +288,7 @@ def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str,
 def _lock(versions: Mapping[str, str]) -> str | None:
     """Return a pin of every package, from the lock files of this one, if it has them and they are what the run had.
 
-    They lie in a checkout, and in an installed package beside its configs.
+    They lie in a checkout; an installed package has none.
     """
     locks = [path for name in (LOCK, "torch.lock") if (path := conf_root().parent / name).exists()]
     pins = [pin for path in locks for pin in re.findall(r"^\S+==\S+", path.read_text(encoding="utf-8"), re.MULTILINE)]
