@@ -160,11 +160,11 @@ def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress)
 
 def run_extend(options: argparse.Namespace) -> int:
     """Search on from the end of a run."""
-    from tacevo.cli.search import print_end
+    from tacevo.cli.search import paid_now, print_end
 
     place = opened(Path(options.run))
     with Progress() as view:
         moved = place.digest is None and options.store is not None
         result = extended(replace(place, entries=Path(options.store)) if moved else place, options.overrides, view)
-    print_end(result)
+    print_end(result, paid_now(result))
     return DONE

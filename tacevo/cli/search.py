@@ -102,6 +102,8 @@ def run_search(config: RunConfig) -> int:
     told = []
     if config.llm.mode is Mode.replay:
         told.append("every answer came from the store: this search made no call and cost nothing")
+    else:
+        told += paid_now(result)
     if config.tracking.kind is Tracking.mlflow:
         told.append(f"MLflow: {viewing(config.tracking.uri, as_typed('mlflow'))}")
     print_end(result, told)
@@ -125,12 +127,15 @@ def _estimate(options: argparse.Namespace) -> int:
     return DONE
 
 
+def paid_now(result: Result) -> list[str]:
+    """Say what was asked and paid now; the cost in a summary is that of the record, whenever it was paid."""
+    return [f"now:    {result.asked}"] if result.asked else []
+
+
 def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     """Print on one screen what a search found, where all of it is to be seen, remarks, and what to do next."""
     tacevo, run = as_typed("tacevo"), shlex.quote(str(result.directory))
     tell(result.summary)
-    if result.asked:
-        tell(f"now:    {result.asked}")  # the cost above is that of the record, whenever it was paid
     tell(f"read:   {result.directory / 'summary.md'}")
     tell(f"look:   {tacevo} show {run} {result.best}")
     tell(f"verify: {tacevo} replay {run}")
