@@ -28,7 +28,8 @@ $(READY): requirements.lock torch.lock pyproject.toml
 		|| { echo "tacevo needs Python 3.11 or later; got $$($(PYTHON) --version); give one with PYTHON=..."; exit 1; }
 	@echo "Making $(VENV), an environment of its own, with what running needs: 119 packages as $< has them, and torch."
 	@echo "0.4 GB to fetch, 1.8 GB on the disk, under two minutes of a core. Nothing outside $(VENV) is changed but pip's cache."
-	@echo "On Linux without a GPU, PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu saves gigabytes of CUDA."
+	@echo "On Linux without a GPU, PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu saves gigabytes of CUDA;"
+	@echo "where it cannot be reached, leave it unset (docs/installation.md)."
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) install --no-deps --require-hashes --requirement requirements.lock
 	$(PIP) install --requirement torch.lock

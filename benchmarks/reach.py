@@ -53,7 +53,8 @@ from tacevo.llm.grammar.provider import answer
 from tacevo.randomness import stream
 from tacevo.records import ChatMessage, Rejection, Request
 from tacevo.results.run import read_run
-from tacevo.results.space_table import Header, SpaceTable, read_table
+from tacevo.results.space_table import read_table
+from tacevo.results.table_records import Header, SpaceTable
 from tacevo.training.numerics import environment
 
 EVALUATOR = Path(__file__).with_name("reach_evaluator.py")

@@ -31,6 +31,21 @@ class Spending:
         return None if self.uncounted else self.input_tokens + self.output_tokens
 
 
+@dataclass(slots=True)
+class Tally:
+    """What a search was answered while it ran: by the model, which is paid now, and by the store."""
+
+    asked: Spending = Spending()
+    recalled: int = 0
+
+    @property
+    def in_words(self) -> str:
+        """Write it as a clause, e.g. `3 asked, 6 from the store, 0.0200 USD`; empty where nothing was answered."""
+        if not (self.asked.answers or self.recalled):
+            return ""
+        return f"{self.asked.answers} asked, {self.recalled} from the store, {paid(self.asked)}"
+
+
 def spending_on(completions: Iterable[Completion]) -> Spending:
     """Add up what completions cost when they were recorded."""
     return total(_of_one(completion) for completion in completions)
@@ -53,12 +68,18 @@ def in_words(spending: Spending) -> str:
     """Write a spending as a clause, e.g. `61 answers, 80,000 + 40,000 tokens, 0.0700 USD`."""
     read, written = token_cells(spending)
     tokens = "tokens unknown" if read == _UNKNOWN else f"{read} + {written} tokens"
-    words = f"{counted(spending.answers, 'answer')}, {tokens}, {usd(spending)}"
-    if 0 < spending.unpriced < spending.answers:
-        words += f" without the {counted(spending.unpriced, 'answer')} of unknown price"
+    words = f"{counted(spending.answers, 'answer')}, {tokens}, {paid(spending)}"
     if 0 < spending.uncounted < spending.answers:
         words += f", and without the tokens of {counted(spending.uncounted, 'answer')}"
     return words
+
+
+def paid(spending: Spending) -> str:
+    """Write the dollars of a spending, and which answers they leave out."""
+    known = usd(spending)
+    if 0 < spending.unpriced < spending.answers:
+        known += f" without the {counted(spending.unpriced, 'answer')} of unknown price"
+    return known
 
 
 def token_cells(spending: Spending) -> tuple[str, str]:

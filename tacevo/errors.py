@@ -21,6 +21,14 @@ import contextlib
 from collections.abc import Callable, Iterator
 
 
+def escaped(text: str, kept: str = "") -> str:
+    r"""Write each character that cannot be printed, but for those that are kept, as an escape such as `\x1b`."""
+    return "".join(
+        letter if letter.isprintable() or letter in kept else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
+
+
 class TacevoError(Exception):
     r"""Anything tacevo raises on purpose.
 
@@ -45,8 +53,7 @@ class TacevoError(Exception):
     def __str__(self) -> str:
         """Return the fields as one sentence."""
         came = f"expected {self.expected}; got {self.got}" if self.expected else self.got
-        told = (f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else "")
-        return "".join(one if one.isprintable() else one.encode("unicode_escape").decode("ascii") for one in told)
+        return escaped((f"{self.place}: " if self.place else "") + came + (f"; {self.remedy}" if self.remedy else ""))
 
 
 class ConfigError(TacevoError, ValueError):

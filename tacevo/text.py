@@ -8,6 +8,8 @@ import threading
 import warnings
 from collections.abc import Collection, Iterable, Sequence
 
+from tacevo.errors import escaped
+
 #: Filters of warnings belong to all threads; and so does, in CPython up to 3.11, the depth that its parser counts (its
 #: issue 106905): two threads that parse at once can end in a SystemError.
 _PARSER = threading.Lock()
@@ -77,10 +79,7 @@ def printable(text: str) -> str:
 
     Line breaks and tabs stay.
     """
-    return "".join(
-        letter if letter.isprintable() or letter in "\n\t" else letter.encode("unicode_escape").decode("ascii")
-        for letter in text
-    )
+    return escaped(text, "\n\t")
 
 
 def on_a_line(text: str) -> str:
@@ -89,8 +88,13 @@ def on_a_line(text: str) -> str:
 
 
 def unbroken(text: str) -> str:
-    r"""Write a text so that it stays on its line: line breaks as the escape `\n`, the rest as of `printable`."""
-    return printable(text).replace("\n", "\\n")
+    r"""Write a text so that it stays on its line: line breaks and tabs as `\n` and `\t`, the rest as of `printable`."""
+    return escaped(text)
+
+
+def in_field(text: str) -> str:
+    r"""Write a text for a field of a CSV file: as of `unbroken`, but a tab, which is a letter as any there, stays."""
+    return escaped(text, "\t")
 
 
 def in_markdown(text: str) -> str:

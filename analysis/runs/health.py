@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import AXES, CoverageMap, coverage_map, effective_niches, fullest_tenth, reachable
-from analysis.runs.dynamics import by_prompt, copies, mutations, progress, repeats
+from analysis.runs.dynamics import by_prompt, mutations, progress, repeats
 from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
 from tacevo.evolution.lines import TEMPERATURE, gate_stages
+from tacevo.results.copies import copies
 from tacevo.results.run import RecordedRun, descriptors_of
 from tacevo.text import counted
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.statistics.seed_noise import agreement, icc, noise, rankings, worth
 from analysis.table import Between
-from tacevo.choices import ArchiveKind, FitnessRule
+from tacevo.choices import ArchiveKind, DataSource, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, RunError
 from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
@@ -50,6 +50,8 @@ class Reestimates:
     record: str = drawn(1)
     #: What a fitness is of the losses of its training.
     rule: FitnessRule = FitnessRule.last
+    #: Whether they were looked up in a table, which has no more seeds than were recorded.
+    looked_up: bool = False
 
     @property
     def kind(self) -> str:
@@ -167,6 +169,7 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
         worth=by_rule,
         failed=tuple(network for network in header.networks if network.name in failed),
         record=drawn(config.training.seeds, or_more=config.archive.kind is ArchiveKind.extract),
+        looked_up=config.data.source is DataSource.table,
     )
 
 

@@ -170,12 +170,19 @@ def _level(others: int) -> float:
 def _undecidable(again: Reestimates) -> tuple[str, ...]:
     """Say where so few seeds could not tell any of so many networks from the baseline."""
     seeds, others = again.seeds, len(again.networks) - 1
-    if others < 1 or superiority([0] * seeds, [1] * seeds, level=_level(others)).low > 0.5:
+    if others < 1 or _can_tell(seeds, others):
         return ()
+    ways = [*([] if again.looked_up else ["more seeds="]), *(["fewer elites="] if _can_tell(seeds, 1) else [])]
+    advice = f": take {' or '.join(ways)}" if ways else ""
     return (
         f"{counted(seeds, 'seed')} cannot tell any of {counted(others, 'network')} from the baseline, however far "
-        "apart they are: take more seeds= or fewer elites=.",
+        f"apart they are{advice}.",
     )
+
+
+def _can_tell(seeds: int, others: int) -> bool:
+    """Answer whether so many seeds can tell one of so many networks from the baseline, if it is far enough apart."""
+    return superiority([0] * seeds, [1] * seeds, level=_level(others)).low > 0.5
 
 
 def _score(study: RecordedStudy, network: str) -> Cell:

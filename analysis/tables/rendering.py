@@ -13,7 +13,7 @@ from itertools import dropwhile
 
 from analysis.rounding import shown
 from analysis.table import Cell, Table
-from tacevo.text import in_markdown, listed, on_a_line, unbroken
+from tacevo.text import in_field, in_markdown, listed, on_a_line
 from tacevo.text import table as markdown
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
@@ -130,7 +130,7 @@ def _inert(text: str) -> str:
 
     Some spreadsheets read wide marks, such as U+FF1D, as the usual ones, and pass over what is not seen.
     """
-    text = unbroken(text)
+    text = in_field(text)
     seen = "".join(dropwhile(_is_blank, unicodedata.normalize("NFKC", text)))
     return f"'{text}" if re.match(r"[=+@-].", seen, re.DOTALL) else text
 

@@ -18,7 +18,7 @@ from analysis.studies.reestimates import losses_by_source
 from analysis.table import Table as Rows
 from tacevo.api import frames, trusted_network
 from tacevo.api.replaying import digest_of, replay
-from tacevo.api.studies import Study, check_read
+from tacevo.api.studies import Studies, Study, check_read
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, check_walls
 from tacevo.choices import DataSource
@@ -201,14 +201,17 @@ class Run:
         return Path(directory)
 
     @cached_property
-    def studies(self) -> tuple[Study, ...]:
-        """Its finished studies and noise runs that are whole: first those on the run's data, of these on its device."""
+    def studies(self) -> Studies:
+        """Its finished studies and noise runs that are whole: first those on the run's data, of these on its device.
+
+        Printed, they say why others were left out.
+        """
         collection = self.collection
         compared = {one.name: one for one in collection.studies}
         again = {one.name: one for one in collection.reestimates}
         known = [one for one in collection.finished if one.path.name in compared.keys() | again.keys()]
         known.sort(key=lambda one: (bool(one.record.other_data), bool(one.record.other_device), one.path.name))
-        return tuple(
+        studies = Studies(
             Study(
                 self.recorded,
                 one,
@@ -220,6 +223,8 @@ class Run:
             )
             for one in known
         )
+        studies.left_out = collection.left_out
+        return studies
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
@@ -272,9 +277,11 @@ class Run:
             return tables_of(self.collection, None), [f"no table of motifs: {error}"]
 
     def __repr__(self) -> str:
-        count = len(self.recorded.candidates)
+        """Name it, and say what it lacks; once its studies were read, which takes seconds, also why some are out."""
+        count, read = len(self.recorded.candidates), self.__dict__.get("collection")
         facts = f"run {self.name}: {self.recorded.task}, {count} candidates, digest {self.digest[:12]}"
-        return "; ".join([f"<{facts}", *self._lacking()]) + ">"
+        refused = [] if read is None else [f"left out: {reason}" for reason in read.left_out]
+        return "; ".join([f"<{facts}", *self._lacking(), *refused]) + ">"
 
     def _repr_html_(self) -> str:
         facts = {

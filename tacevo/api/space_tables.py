@@ -14,13 +14,16 @@ from analysis.statistics.spaces import BY_EPOCHS, regret, worth_by_epochs
 from analysis.sweeps.rejections import rejection_rates
 from tacevo.api import frames
 from tacevo.api.runs import Run
+from tacevo.bundles.format import STORE
 from tacevo.config.identity import twins_of
-from tacevo.errors import ConfigError, RunError
+from tacevo.errors import BundleError, ConfigError, RunError
 from tacevo.evolution.descriptors import describe
 from tacevo.records import Rejection
-from tacevo.results.space_table import SpaceTable as Rows
-from tacevo.results.space_table import TableNetwork, read_table
+from tacevo.results.space_table import read_table
 from tacevo.results.study import LOSS
+from tacevo.results.table_records import SpaceTable as Rows
+from tacevo.results.table_records import TableNetwork
+from tacevo.storage.zipfiles import names_in
 from tacevo.training.full import FullTraining
 
 if TYPE_CHECKING:
@@ -45,9 +48,26 @@ def open_table(path: str | os.PathLike[str]) -> SpaceTable:
     """Open the table of a space, which `tacevo tabulate` writes; `tacevo replay FILE` verifies more of it.
 
     Raises:
-        BundleError: it is damaged, or another file.
+        BundleError: it is damaged, or another file, a directory among them.
+        ConfigError: this is not a path.
     """
-    return SpaceTable(read_table(Path(path)))
+    if not isinstance(path, str | os.PathLike):
+        known = {SpaceTable: "it is open already", Run: "a run is not a table"}
+        remedy = next((words for kind, words in known.items() if isinstance(path, kind)), "")
+        raise ConfigError(repr(path), place="path", expected=_TABLE, remedy=remedy)
+    place = Path(path)
+    is_bundle = STORE in (names_in(place) or ())
+    if place.is_dir() or is_bundle:
+        kinds = {place / "sweep.json": "the directory of a sweep", place / "run.json": "the directory of a run"}
+        found = [words for file, words in kinds.items() if file.exists()]
+        got = "the bundle of a run or a sweep" if is_bundle else next(iter(found), "a directory")
+        remedy = f"`tacevo.open({str(path)!r})` opens it" if is_bundle or found else "name the file in it"
+        raise BundleError(got, place=str(path), expected=_TABLE, remedy=remedy)
+    return SpaceTable(read_table(place))
+
+
+#: What `open_table` takes.
+_TABLE = "the file of a table, as `tacevo tabulate` writes it"
 
 
 class SpaceTable:
@@ -107,10 +127,10 @@ class SpaceTable:
 
         Raises:
             RunError: the run is of other data, or has no elite; or that is not a network of this table, or failed.
-            ConfigError: it is a sweep.
+            ConfigError: it is not an open run.
         """
         if not isinstance(run, Run):
-            raise ConfigError(repr(run), place="run", expected="one run", remedy="ask for each of sweep.runs")
+            raise _not_open(run, "run", "one run, opened")
         self._check_of(run)
         if run.elites.empty:
             raise RunError("none", place=run.name, expected="at least one elite")
@@ -132,21 +152,25 @@ class SpaceTable:
         other seeds gives the size of a test, an arm compared with the sweep's reference its power.
 
         Raises:
-            ConfigError: the sweep has too few seeds for one comparison of an arm with itself; or it is a run.
+            ConfigError: the sweep has too few seeds for one comparison of an arm with itself; or this is not an open
+                sweep, or no number of seeds.
             RunError: a run is not of this table.
         """
-        if isinstance(sweep, Run):
-            raise ConfigError(repr(sweep), place="sweep", expected="a sweep, whose arms are compared")
-        few = ConfigError(
-            str(seeds),
-            place="seeds",
-            expected="at least 2, and at most half of the seeds that all arms of the sweep have",
-        )
-        if seeds < 2:
-            raise few
+        from tacevo.api.sweeps import Sweep  # imports the comparison of arms, which most tables are not opened for
+
+        if not isinstance(sweep, Sweep):
+            raise _not_open(sweep, "sweep", "a sweep, opened, whose arms are compared")
         for run in sweep.runs:
             self._check_of(run)
         compared = sweep.collection().ablation
+        shared = len(set.intersection(*(set(rows["seed"]) for _, rows in compared.jobs.groupby("arm"))))
+        if shared < 4:
+            expected = f"a sweep of at least 4 seeds that all arms have, and not of {shared}"
+        else:
+            expected = f"a whole number from 2 to {shared // 2}, half of the {shared} seeds that all arms have"
+        few = ConfigError(repr(seeds), place="seeds", expected=expected)
+        if type(seeds) is not int or seeds < 2:
+            raise few
         twins = twins_of(compared.wanted, compared.twins)
         rates = rejection_rates(compared.jobs, seeds=seeds, wanted=compared.wanted, twins=twins)
         if not (rates["arm"] == rates["against"]).any():
@@ -204,6 +228,19 @@ class SpaceTable:
                     "validation_loss": verdict.validation_loss,
                     **verdict.metrics,
                 }
+
+
+def _not_open(value: object, place: str, expected: str) -> ConfigError:
+    """Return the error for what is not an open run or sweep, with the way to one where a path was given."""
+    from tacevo.api.sweeps import Sweep
+
+    if isinstance(value, str | os.PathLike):
+        remedy = f"open it: tacevo.open({os.fspath(value)!r})"
+    elif isinstance(value, Sweep):
+        remedy = "ask for each of sweep.runs"
+    else:
+        remedy = "`tacevo.open(PATH)` opens one"
+    return ConfigError(repr(value), place=place, expected=expected, remedy=remedy)
 
 
 def _network(row: int, network: TableNetwork) -> dict[str, Any]:

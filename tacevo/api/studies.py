@@ -169,6 +169,17 @@ def check_read(unread: Iterable[str]) -> None:
         raise RunError(reason)
 
 
+class Studies(tuple[Study, ...]):
+    """The studies of a run, as a tuple, which says in words what is not among them, and why."""
+
+    #: Why others are not shown, a sentence each.
+    left_out: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Write it as any tuple, and behind it what was left out."""
+        return "; ".join([super().__repr__(), *(f"left out: {reason}" for reason in self.left_out)])
+
+
 def _score(row: Row) -> dict[str, Any]:
     if isinstance(row, FailedLine):
         return {"network": row.network, "id": row.id, "seed": row.seed, "failed": row.reason.value}

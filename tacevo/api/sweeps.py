@@ -17,7 +17,7 @@ from tacevo.api.replaying import digest_of, replay
 from tacevo.api.runs import Draw, Run, progress
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, located
-from tacevo.choices import Primary
+from tacevo.choices import DataSource, Primary
 from tacevo.errors import ConfigError
 from tacevo.results.sweep import Standing, state_of
 from tacevo.storage.sweep_directory import SweepDirectory
@@ -79,8 +79,10 @@ class Sweep:
             ConfigError: there is no such metric or arm; or no job has a value of it yet; or the sweep states none.
             IncomparableError: the jobs cannot be compared.
         """
-        compared = self.collection(reference).ablation
-        frame = compared.arms[metric_of(metric, compared)].copy()
+        collected = self.collection(reference)
+        compared = collected.ablation
+        looked_up = any(one.run.config.data.source is DataSource.table for one in collected.sweep.finished)
+        frame = compared.arms[metric_of(metric, compared, looked_up=looked_up)].copy()
         frame.attrs["left_out"] = self._arms_left_out()
         return frame
 
@@ -177,8 +179,10 @@ class Sweep:
         return f"<p>{title}</p>{self.jobs.to_html(na_rep='')}"
 
 
-def metric_of(name: str | None, compared: Ablation) -> Metric:
+def metric_of(name: str | None, compared: Ablation, *, looked_up: bool = False) -> Metric:
     """Find a metric by its column in `jobs`, by its name in the tables or in the terms; None is the terms' own.
+
+    Runs that were looked up in a table (`looked_up`) have no test scores, and get none.
 
     Raises:
         ConfigError: there is none of this name, or the sweep states none.
@@ -191,7 +195,10 @@ def metric_of(name: str | None, compared: Ablation) -> Metric:
     if wanted in known:
         return known[wanted]
     is_test = wanted in {Primary.test_score, *(metric.name for metric in TESTED)}
-    otherwise = "`tacevo study sweep=SWEEP` gives test scores" if is_test else "sweep.jobs has a column for each"
+    if is_test and looked_up:
+        otherwise = "a table has no test images: compare by another, such as new_quartile"
+    else:
+        otherwise = "`tacevo study sweep=SWEEP` gives test scores" if is_test else "sweep.jobs has a column for each"
     raise ConfigError(
         "none, and the sweep states none" if wanted is None else repr(wanted),
         place="metric",

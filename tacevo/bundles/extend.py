@@ -15,11 +15,14 @@ from tacevo.config.checks import check_together
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity, llm_identity
 from tacevo.config.schema import RunConfig, SearchConfig
+from tacevo.costs import total
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.run import read_run
+from tacevo.results.table_files import with_table
 from tacevo.rules import CURRENT, Rules
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
+from tacevo.runs.providers import asked_next
 from tacevo.runs.session import Result, needed_llm, record
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.listing import take_in
@@ -61,9 +64,17 @@ def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, c
         )
     config = continued(recorded.with_data, overrides, end=end, spent=recorded.training_flops)
     _check_rules(recorded.rules)
+    if not any(override.startswith("data.root=") for override in overrides):
+        config = with_table(
+            config, recorded.record.data.fingerprint, Path(str(run)), option="data=table data.root=FILE"
+        )
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
     llm = needed_llm(config)
+    new = (config.search.generations - end) * config.search.candidates * (1 + config.proposals.repair_attempts)
+    before = total(recorded.spent.values())
+    for line in asked_next(config.llm, requests=new, before=before, elsewhere=recorded.record.elsewhere):
+        view.say(line)
     read = sorted(check(published))
     data = load_same(config, recorded.record.data, view)
     written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))

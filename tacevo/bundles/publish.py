@@ -39,6 +39,9 @@ from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.storage.zipfiles import names_in
 
+#: A version of a package, which `absent` is not.
+_VERSION = re.compile(r"[0-9][\w.!-]*")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Published:
@@ -270,23 +273,38 @@ def _in_folder(folder: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str, bytes]:
     """Write what describes a bundle, the metadata last: it lists all others."""
-    lock = _lock(subject.first.record.versions)
+    versions = subject.first.record.versions
+    lock = _lock(versions)
     texts = {
         "README.md": readme(subject, has_lock=lock is not None),
         "LICENSE.txt": licence(terms),
         "CITATION.cff": citation(subject, terms),
-        **({} if lock is None else {LOCK: lock}),
+        LOCK: _recorded_pins(versions) if lock is None else lock,
     }
     texts["ro-crate-metadata.json"] = metadata(subject, terms, [*members, *texts, MANIFEST])
     return {name: text.encode() for name, text in texts.items()}
 
 
 def _lock(versions: Mapping[str, str]) -> str | None:
-    """Return a pin of every package, from the lock files of this one, if it has them and they are what the run had."""
+    """Return a pin of every package, from the lock files of this one, if it has them and they are what the run had.
+
+    They lie in a checkout; an installed package has none.
+    """
     locks = [path for name in (LOCK, "torch.lock") if (path := conf_root().parent / name).exists()]
     pins = [pin for path in locks for pin in re.findall(r"^\S+==\S+", path.read_text(encoding="utf-8"), re.MULTILINE)]
     known = {pin.lower().replace("_", "-") for pin in pins}
-    # torch adds its build to its version
-    had = {name: versions.get(name, "absent").partition("+")[0] for name in PACKAGES if name != "tacevo"}
-    whole = all(f"{name}=={version}" in known for name, version in had.items() if version != "absent")
+    whole = all(pin in known for pin in _pins(versions))
     return "".join(f"{pin}\n" for pin in sorted(pins, key=str.lower)) if whole else None
+
+
+def _recorded_pins(versions: Mapping[str, str]) -> str:
+    """Return a pin of each package whose version a run recorded, for an environment of which no lock file is known."""
+    head = "# What the run recorded of its environment: the packages that may change a result. No others are known.\n"
+    return head + "".join(f"{pin}\n" for pin in _pins(versions))
+
+
+def _pins(versions: Mapping[str, str]) -> list[str]:
+    """Write the recorded versions of packages as pins; tacevo itself comes from its clone."""
+    had = {name: versions.get(name, "absent") for name in PACKAGES if name != "tacevo"}
+    plain = {name: version.partition("+")[0] for name, version in had.items()}  # torch adds its build
+    return sorted(f"{name}=={version}" for name, version in plain.items() if _VERSION.fullmatch(version))

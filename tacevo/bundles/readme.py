@@ -176,7 +176,9 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
         "numerics": config.numerics.kind,
         "device": config.training.device,
         "folder": subject.folder,
-        "lock": "requirements.lock pins every package." if has_lock else "No lock file of these versions was at hand.",
+        "lock": "requirements.lock pins every package."
+        if has_lock
+        else "No lock file of these versions was at hand. requirements.lock pins what may change a result.",
         "contents": _OF_SWEEP if is_sweep else _OF_RUN,
     }
     return template.substitute(values)
@@ -217,8 +219,9 @@ def _origin(run: RecordedRun, folder: str) -> str:
         )
     if data.source is DataSource.table:
         return (
-            f"None are needed: evaluations were looked up in a table. To retrain, lay it as {as_code(str(data.root))} "
-            "(data.root)."
+            f"None are needed: evaluations were looked up in a table, {as_code(str(data.root))}, whose digest this is. "
+            "To look them up again, lay it beside this file or into cache/tables, under any name that ends in .zip, or "
+            "name it by `tacevo replay FILE --retrain --table TABLE`."
         )
     return (
         "They are not part of this bundle: ask those who recorded them. To retrain, lay them as "

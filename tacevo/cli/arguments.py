@@ -258,6 +258,12 @@ def add_replay(parser: Parser) -> None:
     parser.add_argument(
         "--draw", type=whole_number, metavar="SEED", help="draw the N as an earlier replay did, which told its seed"
     )
+    parser.add_argument(
+        "--table",
+        metavar="FILE",
+        help="with --retrain of searches that looked evaluations up: the table (default: that of their digest, where "
+        "it was, beside RUN, or in cache/tables)",
+    )
     parser.add_argument("--diff", help=argparse.SUPPRESS)  # for one release, to name what took its place
     parser.set_defaults(command=_later("reproduce", "replay", _check_replay))
 
@@ -265,6 +271,8 @@ def add_replay(parser: Parser) -> None:
 def _check_replay(options: argparse.Namespace) -> None:
     if options.draw is not None and not options.retrain:
         options.parser.error("--draw repeats the draw of --retrain N; give both")
+    if options.table is not None and options.retrain is None:
+        options.parser.error("--table names the table that --retrain looks searches up in; give both")
     if options.diff is not None:
         there = f"{options.diff}/ledger.jsonl"
         options.parser.error(f"--diff is gone: `diff {options.run}/ledger.jsonl {there}` shows where two runs part")

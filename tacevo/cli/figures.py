@@ -16,7 +16,7 @@ from analysis.table import Table
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.arguments import FORMATS
-from tacevo.cli.common import DIFFERENT, DONE, output_directory, places_of, tell
+from tacevo.cli.common import output_directory, places_of, tell
 from tacevo.cli.tables import open_all, print_table, remarks_of, say, status_of
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, DataError, RunError
@@ -96,7 +96,7 @@ def run_ablations(options: argparse.Namespace) -> int:
     if collected.ablation.primary in TESTED and collected.sweep.terms.retraining is None:
         tell(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', options.runs[0]))} seeds=5")
     tell(f"tables and figures: {directory} (index.md says which question each answers)")
-    return DIFFERENT if collected.ablation.unequal_twins else DONE
+    return status_of(sweep)
 
 
 def _in_short(table: Table) -> Table:

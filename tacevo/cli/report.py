@@ -10,7 +10,7 @@ from analysis.report.document import ENGINES, make_pdf, write_chapter, write_doc
 from analysis.report.following import follow
 from analysis.report.page.html import as_html
 from tacevo.api.page import page_of
-from tacevo.api.runs import Run, remarks_on
+from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import existing_store, output_directory, place_of_results, tell
 from tacevo.cli.figures import drawable, progress_of
@@ -35,10 +35,10 @@ def run_report(options: argparse.Namespace) -> int:
     with Progress() as view:
         page, missing = page_of(one, name, view.say)
     write_durably(path, as_html(page))
-    runs = (one,) if isinstance(one, Run) else one.runs
-    say([*(remark for run in runs if status_of(run) for remark in remarks_on(run)), *missing])
+    shown: tuple[Run | Sweep, ...] = (one,) if isinstance(one, Run) else (one, *one.runs)
+    say([*(remark for each in shown if status_of(each) for remark in remarks_of(each)), *missing])
     tell(f"report: {path}")
-    return max(map(status_of, runs))
+    return max(map(status_of, shown))
 
 
 def _document(options: argparse.Namespace) -> int:

@@ -9,13 +9,16 @@ from pathlib import Path
 from tacevo.api.replaying import digest_of, extended, replay
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.verify import Rerun, Verified
+from tacevo.choices import DataSource
 from tacevo.cli.common import DONE, existing_store, tell
+from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
-from tacevo.errors import DataError
+from tacevo.errors import ConfigError, DataError
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
 from tacevo.results.settings import settings_of
 from tacevo.results.space_table import is_table, read_table
+from tacevo.results.table_files import with_table
 from tacevo.results.whereabouts import found_data
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
@@ -34,12 +37,14 @@ def run_replay(options: argparse.Namespace) -> int:
         place = opened(Path(options.run))
         if options.retrain is not None:
             check_walls(place)
+            # Before anything is run again.
             _check_data(place)
+            configs = _with_tables(place, options)
         # The --store of a published run is for the images of --retrain, and need not exist yet.
         done = replay(place, None if place.digest else existing_store(options.store), view)
         told = _told(place, done)
         if options.retrain is not None:
-            told.append(_retrain(done.runs, options, view))
+            told.append(_retrain([_with_data(*pair) for pair in zip(done.runs, configs, strict=True)], options, view))
     for text in [*told, _verdict(done), f"digest: {digest_of(place, done)}"]:
         tell(text)
     return DONE
@@ -47,6 +52,8 @@ def run_replay(options: argparse.Namespace) -> int:
 
 def _replay_table(options: argparse.Namespace) -> int:
     """Verify the table of a space."""
+    if options.table is not None:
+        raise ConfigError(options.table, place="--table", expected=f"no table: {options.run} is one itself")
     with Progress() as view:
         table = read_table(Path(options.run))
         verify_table(table)
@@ -117,7 +124,7 @@ def _check_data(place: Opened) -> None:
         directory = RunDirectory(run)
         config = settings_of(directory)
         root = found_data(directory, config)
-        if root is None or Path(root).exists():
+        if root is None or Path(root).exists() or config.data.source is DataSource.table:  # one is found by its digest
             continue
         holds_none = "" if place.digest is None else ": a bundle holds none"
         where = "" if place.digest is None else ", or beside the bundle"
@@ -127,6 +134,30 @@ def _check_data(place: Opened) -> None:
             expected=f"the data set of the run (data={config.data.source}){holds_none}",
             remedy=f"lay it as {root} into the working directory{where}; without --retrain, nothing needs it",
         )
+
+
+def _with_tables(place: Opened, options: argparse.Namespace) -> list[RunConfig]:
+    """Return the configuration of each run, with the place at which the table lies that it looked evaluations up in.
+
+    Raises:
+        DataError, BundleError: as `find_table`.
+        ConfigError: a table is named, and no run looked anything up.
+    """
+    named = None if options.table is None else Path(options.table)
+    found = []
+    for run in place.runs:
+        directory = RunDirectory(run)
+        fingerprint = directory.read_run().data.fingerprint
+        config = settings_of(directory)
+        found.append(with_table(config, fingerprint, Path(options.run), named, option="--table FILE"))
+    if named is not None and all(config.data.source is not DataSource.table for config in found):
+        raise ConfigError(options.table, place="--table", expected="no table: these searches trained")
+    return found
+
+
+def _with_data(done: Rerun, config: RunConfig) -> Rerun:
+    """Return a run that was run again with the data of another configuration."""
+    return replace(done, run=replace(done.run, config=replace(done.run.config, data=config.data)))
 
 
 def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress) -> str:
@@ -139,11 +170,11 @@ def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress)
 
 def run_extend(options: argparse.Namespace) -> int:
     """Search on from the end of a run."""
-    from tacevo.cli.search import print_end
+    from tacevo.cli.search import paid_now, print_end
 
     place = opened(Path(options.run))
     with Progress() as view:
         moved = place.digest is None and options.store is not None
         result = extended(replace(place, entries=Path(options.store)) if moved else place, options.overrides, view)
-    print_end(result)
+    print_end(result, paid_now(result))
     return DONE

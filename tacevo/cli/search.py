@@ -102,6 +102,8 @@ def run_search(config: RunConfig) -> int:
     told = []
     if config.llm.mode is Mode.replay:
         told.append("every answer came from the store: this search made no call and cost nothing")
+    else:
+        told += paid_now(result)
     if config.tracking.kind is Tracking.mlflow:
         told.append(f"MLflow: {viewing(config.tracking.uri, as_typed('mlflow'))}")
     print_end(result, told)
@@ -123,6 +125,11 @@ def _estimate(options: argparse.Namespace) -> int:
         told = later()
     tell(told)
     return DONE
+
+
+def paid_now(result: Result) -> list[str]:
+    """Say what was asked and paid now; the cost in a summary is that of the record, whenever it was paid."""
+    return [f"now:    {result.asked}"] if result.asked else []
 
 
 def print_end(result: Result, remarks: Iterable[str] = ()) -> None:

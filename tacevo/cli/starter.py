@@ -2,7 +2,8 @@
 
 Most of a search that looks its trainings up would else be imports and the reading of its table. Its standard input is a
 socket: a line that comes is the order of a search, a line that goes the exit status.
-`tacevo.sweeps.search_process.Starter` speaks to it.
+`tacevo.sweeps.search_process.Starter` speaks to it. As `python -m tacevo.cli.starter search FILE`, on a node of Slurm,
+it is the one search whose order the file holds.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import json
 import os
 import signal
 import sys
+from pathlib import Path
 from typing import Never
 
 from tacevo.choices import DataSource
@@ -61,6 +63,12 @@ def _search(parent: int, *, config: dict[str, Json], log: str) -> Never:
     os.dup2(output, _OUTPUT)
     os.dup2(output, _ERRORS)
 
+    _obey(config)
+
+
+def _obey(config: dict[str, Json]) -> Never:
+    """Run a search in this process, and end with its exit status."""
+
     def search(_: argparse.Namespace) -> int:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _HEARD)  # `run` hears them now
         return run_search(from_plain(config))
@@ -70,4 +78,8 @@ def _search(parent: int, *, config: dict[str, Json], log: str) -> Never:
 
 
 if __name__ == "__main__":
-    serve()
+    match sys.argv[1:]:
+        case ["search", order]:
+            _obey(json.loads(Path(order).read_bytes())["config"])
+        case _:
+            serve()

@@ -5,6 +5,7 @@ draws at import: Matplotlib takes a second.
 """
 
 import argparse
+import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, places_of, tell
-from tacevo.errors import ConfigError
+from tacevo.errors import ConfigError, IncomparableError
 from tacevo.runs.progress import Progress
 from tacevo.text import in_markdown, nearest, printable, unbroken
 
@@ -108,8 +109,12 @@ def remarks_of(one: Run | Sweep) -> list[str]:
 
 
 def status_of(one: Run | Sweep) -> int:
-    """Return the exit status: a study of a run that was left out is a failed check."""
-    return DIFFERENT if isinstance(one, Run) and one.collection.left_out else DONE
+    """Return the exit status: a study of a run that was left out is a failed check, and so are unequal twins."""
+    if isinstance(one, Run):
+        return DIFFERENT if one.collection.left_out else DONE
+    with contextlib.suppress(IncomparableError):  # of which a report shows the runs, and says why
+        return DIFFERENT if one.collection().ablation.unequal_twins else DONE
+    return DONE
 
 
 def print_table(table: Table, console: Console) -> None:

@@ -10,7 +10,11 @@ from tacevo.config.conf_folder import check_experiment
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
+from tacevo.sandbox.kernel import lower_priority
 from tacevo.studies.tabulate import tabulate
+
+#: The niceness of hours of trainings, which a desk's other work must not wait for.
+_NICE = 10
 
 
 def run_tabulate(options: argparse.Namespace) -> int:
@@ -21,7 +25,9 @@ def run_tabulate(options: argparse.Namespace) -> int:
     output_directory(target.parent)
     if target.is_dir():
         raise ConfigError(f"the directory {target}", place="-o", expected="the file to write")
+    lower_priority(_NICE)
     with Progress() as view:
+        view.say(f"at low priority (nice {_NICE}): other work of this machine goes first")
         table = tabulate(config, target, view)
     tell(f"table:  {options.output} ({table.name})")
     for line in table.failures:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from hydra import compose as hydra_compose
@@ -79,12 +80,20 @@ def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]
         if arm:
             check_change(choice, arm, _plain(composed))
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
-        config = from_plain(_plain(composed))
+        config = _with_prices_here(from_plain(_plain(composed)), overrides)
         without = [each for each in others if not _names_any(each, unused(config))]
         if len(without) < len(others) or "data" in arm:
             usual = composed_by("config", without)
             check_used(config, _plain(composed.data), _plain(usual.data))
     return with_all_sensors(config, others)
+
+
+def _with_prices_here(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
+    """Return a configuration whose price table, where a user names one that lies in the working directory, is that."""
+    here = Path(config.llm.prices).expanduser()
+    if not here.is_file() or not any(each.startswith("llm.prices=") for each in overrides):
+        return config
+    return replace(config, llm=replace(config.llm, prices=str(here.absolute())))
 
 
 def compose_estimate(overrides: Sequence[str], read: Callable[[Sequence[str]], RunConfig] = compose) -> RunConfig:

@@ -246,7 +246,7 @@ class LLMConfig(Record):
     thinking_tokens: AtLeast1 | None = None
     #: No new request starts that could bring a run's answers above this many US dollars; null for no limit.
     budget_usd: Annotated[float, Ge(0)] | None = None
-    #: The price table: a file below conf/, or absolute.
+    #: The price table: a file in the working directory, below conf/, or absolute.
     prices: str = "prices.yaml"
     #: `user` for models without a system prompt: it is joined to the first turn.
     system: SystemTurn = SystemTurn.system

@@ -328,10 +328,13 @@ def gate_stages(lines: Iterable[CandidateLine]) -> tuple[GateStage, ...]:
     return tuple(stages)
 
 
-def skipped_note(lines: Iterable[CandidateLine]) -> list[str]:
-    """Return a line with how many of the first answers that the gate left were skipped; no line where none was."""
+def skipped_note(lines: Iterable[CandidateLine], did: str = "trained") -> list[str]:
+    """Return a line with how many of the first answers that the gate left were skipped; no line where none was.
+
+    `did` is what became of the others: `trained`, or `looked up` in a table.
+    """
     count = sum(line.skipped for line in lines if not line.repairs)
-    return [f"Skipped, and not trained, of what is left (proposals.skipped): {count}."] if count else []
+    return [f"Skipped, and not {did}, of what is left (proposals.skipped): {count}."] if count else []
 
 
 def misreported(stages: Iterable[GateStage]) -> list[str]:

@@ -117,16 +117,30 @@ def read_ledger(directory: RunDirectory) -> Sealed[Line]:
     return read_lines(directory.ledger, line_kind)
 
 
+def read_begun(directory: RunDirectory) -> RunRecord | None:
+    """Read run.json; None where there is none.
+
+    Raises:
+        RunError: it is damaged or of another layout.
+    """
+    return directory.read_run() if (directory.path / "run.json").exists() else None
+
+
+def is_finished(record: RunRecord | None, ledger: Sealed[Line]) -> bool:
+    """Return whether a run is finished: run.json has the digest that the ledger ends with, on any machine."""
+    return record is not None and record.digest is not None and record.digest == ledger.digest
+
+
 def finished_digest(directory: RunDirectory) -> str | None:
     """Return the digest of a finished run; None where none was begun here, or the run did not come to its end.
-
-    A run is finished where run.json has the digest that the ledger ends with, on any machine.
 
     Raises:
         RunError: something of it was damaged or edited.
     """
-    digest = directory.read_run().digest if (directory.path / "run.json").exists() else None
-    return digest if digest is not None and digest == read_ledger(directory).digest else None
+    record = read_begun(directory)
+    if record is None or record.digest is None:  # the ledger, which may be damaged, is not needed
+        return None
+    return record.digest if is_finished(record, read_ledger(directory)) else None
 
 
 def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:

@@ -2,9 +2,10 @@
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Protocol
 
+from tacevo.costs import Tally, spending_on, total
 from tacevo.errors import LLMError, StoreError
 from tacevo.records import Completion, Json, Price, Request, Setting, to_json
 from tacevo.storage.store import Store
@@ -93,6 +94,8 @@ class RecordingLLM:
     elsewhere: bool = False
     #: What the server calls the model, where requests have a label in its place.
     unlabelled: str | None = None
+    #: What it answered so far.
+    tally: Tally = field(default_factory=Tally)
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
         """Answer every request; recorded answers come first (see `tacevo.evolution.development.LLM`).
@@ -108,6 +111,7 @@ class RecordingLLM:
             if completion is None:
                 missing.setdefault(request, []).append(position)
             else:
+                self.tally.recalled += 1
                 self.count(request, completion)
                 yield position, completion
         if not missing:
@@ -116,6 +120,7 @@ class RecordingLLM:
             raise LLMError(f"{len(missing)} requests without a recorded answer, and no model to ask")
         asked = list(missing)
         for index, completion in self.inner.complete(asked, self._keep):
+            self.tally.asked = total([self.tally.asked, spending_on([completion])])
             self.count(asked[index], completion)
             for position in missing[asked[index]]:
                 yield position, completion

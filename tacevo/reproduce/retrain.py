@@ -17,9 +17,9 @@ from tacevo.evolution.lines import TrainedLine, of_training
 from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.results.run import RecordedRun
-from tacevo.results.space_table import Header
 from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.results.study_lines import StudyRecord
+from tacevo.results.table_records import Header
 from tacevo.rules import TRAININGS, check_known
 from tacevo.runs.datasets import load_same, trivial_of
 from tacevo.runs.progress import Progress
@@ -75,7 +75,8 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Pro
         "trains"
         for table in tables
     ]
-    return "\n".join([describe([line for _, line in drawn], len(pairs), choice), *looked_up])
+    did = "looked up" if all(run.config.data.source is DataSource.table for run in runs) else "trained"
+    return "\n".join([describe([line for _, line in drawn], len(pairs), choice, did), *looked_up])
 
 
 def decisive(runs: Iterable[RecordedRun]) -> set[str]:
@@ -152,14 +153,15 @@ def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, nam
             view.say(f"{name}{line.id}{seed}: as recorded ({number} of {len(lines)})")
 
 
-def describe(lines: Sequence[TrainedLine], of: int, choice: str) -> str:
-    """Say what was compared, for a person: these of so many evaluations, and how they were chosen."""
+def describe(lines: Sequence[TrainedLine], of: int, choice: str, did: str = "trained") -> str:
+    """Say what was compared, for a person: these of so many evaluations, how they were chosen, and what was done."""
     trained = [line for line in lines if line.stage is None]
     lacking = [name for name in _FIELDS if any(getattr(line, name) is None for line in trained)]
     recorded = [name for name in _FIELDS if name not in lacking]
-    said = [f"retrained: {len(lines)} of {of} evaluations", *([choice] if choice else [])]
+    again = "retrained" if did == "trained" else f"{did} again"
+    said = [f"{again}: {len(lines)} of {of} evaluations", *([choice] if choice else [])]
     if trained and recorded:
-        said.append(f"trained: {len(trained)}; {', '.join(recorded)} are bit for bit as recorded")
+        said.append(f"{did}: {len(trained)}; {', '.join(recorded)} are bit for bit as recorded")
     if len(trained) < len(lines):
         said.append(f"rejected: {len(lines) - len(trained)}, for the recorded reasons")
     if lacking:

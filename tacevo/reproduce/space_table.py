@@ -9,7 +9,8 @@ from tacevo.environment import machine, usable_cores, versions
 from tacevo.errors import BundleError, ConfigError, DataError, DivergenceError, SandboxError
 from tacevo.records import DataFacts, Json, Mode, to_json
 from tacevo.reproduce.retrain import BY_MACHINE, doubts_of, sampled
-from tacevo.results.space_table import CARD, SpaceTable, TableNetwork, card
+from tacevo.results.space_table import card
+from tacevo.results.table_records import CARD, SpaceTable, TableNetwork
 from tacevo.rules import CURRENT, LIKE_TODAY, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.datasets import load_same, source_of, trivial_of
 from tacevo.runs.progress import Progress

@@ -6,195 +6,46 @@ its hash, and finds each network trained with each seed once. What it does not: 
 """
 
 import hashlib
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
+from dataclasses import replace
+from functools import lru_cache
 from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import TypeVar
 
-from annotated_types import Ge, MinLen
-
-from tacevo.choices import Device
-from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig
-from tacevo.config.task_texts import contract_of
 from tacevo.errors import BundleError, ConfigError, TacevoError
-from tacevo.profile import Profile
-from tacevo.records import DataFacts, Json, Record, Rejection, Task, Training, to_json
+from tacevo.records import Json, Record, Training, to_json
 from tacevo.results.grouped import in_groups
-from tacevo.rules import CURRENT, FIRST_STUDY, KEPT_SINCE, STUDY, Rules
+from tacevo.results.table_checks import check_data, check_rows, check_rules, damaged
+from tacevo.results.table_records import (
+    CARD,
+    DECISIVE,
+    HEADER,
+    MANIFEST,
+    NETWORKS,
+    TRAININGS,
+    Header,
+    SpaceTable,
+    TableNetwork,
+    TableTraining,
+    value_of,
+)
 from tacevo.storage.canonical import canonical, content_hash, readable
 from tacevo.storage.entries import ReadBudget
 from tacevo.storage.files import write_durably
 from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, names_in, packed, read_members
 from tacevo.text import as_code, counted, in_markdown
 from tacevo.training.full import FullTraining, Kept
-from tacevo.training.metrics import contradiction, metric_names
-from tacevo.typed import FreeJson, parse
+from tacevo.training.metrics import metric_names
+from tacevo.typed import parse
 
 T = TypeVar("T", bound=Record)
-
-HEADER, NETWORKS, TRAININGS, CARD, MANIFEST = (
-    "table.json",
-    "networks.jsonl",
-    "trainings.jsonl",
-    "README.md",
-    "manifest.sha256",
-)
-
-#: What decides the rows, beside the data, the seeds and the rules; as keys of the configuration.
-DECISIVE = (
-    "data.image_size",
-    "gate.max_modules",
-    "gate.max_flops",
-    "gate.max_parameters",
-    "llm.space",
-    "numerics.kind",
-    "task.class_name",
-    "task.kind",
-    "task.loss",
-    "task.output_argument",
-    "task.outputs",
-    "task.target_scaling",
-    "training.batch_size",
-    "training.device",
-    "training.gpu",
-    "training.learning_rate",
-    "training.precision",
-)
 
 _MEMBERS = {HEADER, NETWORKS, TRAININGS, CARD, MANIFEST}
 
 _PLACES = re.compile("|".join(map(re.escape, sorted(_MEMBERS))))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Header(Record):
-    """What all rows follow from."""
-
-    #: Layout of the file.
-    schema: Literal[1] = 1
-    #: Whether no network was trained: what stands in place of trainings was drawn, to measure the tools by.
-    made_up: bool
-    #: As `tacevo.records.to_json` writes it: the space is `llm.space`, a training is `training`.
-    config: dict[str, FreeJson]
-    task: Task
-    data: DataFacts
-    #: Of the trainings.
-    seeds: Annotated[tuple[int, ...], MinLen(1)]
-    rules: Rules
-    #: Number of the rules of full trainings (`tacevo.rules.STUDY`).
-    study: int
-    #: Of the validation images (`tacevo.training.losses`).
-    trivial: Annotated[float, Ge(0)]
-    versions: dict[str, str]
-    machine: dict[str, FreeJson]
-
-    @property
-    def settings(self) -> RunConfig:
-        """The configuration.
-
-        Raises:
-            ConfigError: this version does not know it.
-        """
-        return from_plain(self.config)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TableNetwork(Record):
-    """A network of the table."""
-
-    #: Value of each gene; None of the task's baseline, whose file is not written by the grammar.
-    genome: dict[str, bool | int | float | str] | None
-    source: str
-    #: SHA-256 of the source.
-    sha256: str
-    #: Exactly one of these two is there: what the gate measured, or why it refused the network.
-    profile: Profile | None = None
-    rejection: Rejection | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TableTraining(Record):
-    """A network trained with one seed."""
-
-    #: Row of the network, and of the seed in the header; from 0.
-    network: Annotated[int, Ge(0)]
-    seed: Annotated[int, Ge(0)]
-    #: Exactly one of these two is there.
-    full: FullTraining | None = None
-    rejection: Rejection | None = None
-
-    @property
-    def verdict(self) -> FullTraining | Rejection:
-        """What came of it."""
-        verdict = self.full or self.rejection
-        assert verdict is not None  # as reading checks
-        return verdict
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SpaceTable:
-    """A table that was read; each network that the gate admitted has a training with each seed."""
-
-    path: Path
-    #: Of the rows and what decides them, so that equal rows are equal data of a search.
-    digest: str
-    header: Header
-    networks: tuple[TableNetwork, ...]
-    #: By network, then by seed.
-    trainings: tuple[TableTraining, ...]
-    #: The text of its README.
-    card: str
-
-    @cached_property
-    def by_source(self) -> Mapping[str, int]:
-        """The row of each source."""
-        return {network.source: row for row, network in enumerate(self.networks)}
-
-    @cached_property
-    def verdicts(self) -> Mapping[tuple[int, int], FullTraining | Rejection]:
-        """What came of each training, by the rows of network and seed."""
-        return {(row.network, row.seed): row.verdict for row in self.trainings}
-
-    @property
-    def name(self) -> str:
-        """What it is of, in a line."""
-        header = self.header
-        what = "MADE UP, not trained: " if header.made_up else ""
-        seeds = counted(len(header.seeds), "seed")
-        return f"{what}{counted(len(self.networks), 'network')} for {header.task.name}, {seeds} each"
-
-    @property
-    def failures(self) -> list[str]:
-        """What was refused by the gate or failed to train, a line each."""
-        refused = [
-            f"network {row}: {network.rejection.reason}"
-            for row, network in enumerate(self.networks)
-            if network.rejection is not None
-        ]
-        failed = [
-            f"network {row.network}, seed {row.seed}: {row.rejection.reason}"
-            for row in self.trainings
-            if row.rejection is not None
-        ]
-        return refused + failed
-
-    @property
-    def failed(self) -> str:
-        """How many networks the gate refused and how many trainings failed, in a line; none, too, is said."""
-        refused = sum(network.rejection is not None for network in self.networks)
-        failed = sum(row.rejection is not None for row in self.trainings)
-        return f"the gate refused {counted(refused, 'network')}, and {counted(failed, 'training')} failed"
-
-
-def value_of(config: RunConfig, key: str) -> object:
-    """Return the value of one of `DECISIVE`."""
-    group, _, name = key.partition(".")
-    return getattr(getattr(config, group), name)
 
 
 def is_table(path: Path) -> bool:
@@ -301,9 +152,9 @@ def _read(path: Path, _: int, size: int) -> SpaceTable:
         raise BundleError(f"a file without {', '.join(missing)}", place=str(path), expected="the table of a space")
     manifest = members.pop(MANIFEST)
     if manifest.decode(errors="replace") != "".join(f"{_sha256(members[n])}  {n}\n" for n in sorted(members)):
-        raise _damaged(path, MANIFEST, "the checksums of the other members", "others")
+        raise damaged(path, MANIFEST, "the checksums of the other members", "others")
     header = parse(Header, members[HEADER], place=f"{path}, {HEADER}", error=BundleError)
-    _check_rules(path, header)
+    check_rules(path, header)
     try:
         settings = header.settings
     except ConfigError as error:
@@ -318,20 +169,9 @@ def _read(path: Path, _: int, size: int) -> SpaceTable:
         card=members[CARD].decode(errors="replace"),
     )
     _check_text(table, members)
-    _check_data(table)
-    _check_rows(table)
+    check_data(table)
+    check_rows(table)
     return table
-
-
-def _check_rules(path: Path, header: Header) -> None:
-    """Check that this version knows the numbers of all rules, be they older ones."""
-    parts = [field.name for field in fields(Rules)]
-    rules = {part: (1, getattr(CURRENT, part), getattr(header.rules, part)) for part in parts}
-    for part, (first, last, number) in {**rules, "study": (FIRST_STUDY, STUDY, header.study)}.items():
-        if not first <= number <= last:
-            place, expected = f"{path}, {HEADER}, rules of {part}", f"a number from {first} to {last}"
-            remedy = "another version made it: update tacevo"
-            raise BundleError(str(number), place=place, expected=expected, remedy=remedy)
 
 
 def _check_text(table: SpaceTable, members: Mapping[str, bytes]) -> None:
@@ -342,27 +182,7 @@ def _check_text(table: SpaceTable, members: Mapping[str, bytes]) -> None:
         if text != members[name]:
             pairs = zip_longest(text.split(b"\n"), members[name].split(b"\n"))
             number = next(number for number, (ours, theirs) in enumerate(pairs, start=1) if ours != theirs)
-            raise _damaged(table.path, f"{name}, line {number}", "canonical JSON", "the same written otherwise")
-
-
-def _check_data(table: SpaceTable) -> None:
-    """Check that data, task and configuration say the same of what they share."""
-    header, facts = table.header, table.header.data
-    settings, contract = header.settings, header.task.contract
-    try:
-        wanted = contract_of(settings.task, facts)
-    except ConfigError as error:
-        raise _damaged(table.path, f"{HEADER}, data", error.got, error.expected) from error
-    for what, got, expected in (
-        ("task.name", header.task.name, settings.task.name),
-        ("task.contract", to_json(contract), to_json(wanted)),
-        ("data.image_size", facts.image_size, settings.data.image_size),
-        ("data.names", len(facts.names), facts.outputs),
-    ):
-        if got != expected:
-            raise _damaged(table.path, f"{HEADER}, {what}", f"{expected}, by the configuration and the data", f"{got}")
-    if _is_negative(header.trivial):
-        raise _damaged(table.path, f"{HEADER}, trivial", "0 or more", str(header.trivial))
+            raise damaged(table.path, f"{name}, line {number}", "canonical JSON", "the same written otherwise")
 
 
 def _digest(header: Header, settings: RunConfig, members: Mapping[str, bytes]) -> str:
@@ -379,110 +199,6 @@ def _digest(header: Header, settings: RunConfig, members: Mapping[str, bytes]) -
             **{name: _sha256(members[name]) for name in (NETWORKS, TRAININGS)},
         }
     )
-
-
-def _check_rows(table: SpaceTable) -> None:
-    """Check that each network is there once with its hash, and each of its trainings, of the epochs of the header."""
-    networks, header, path = table.networks, table.header, table.path
-    if len(set(header.seeds)) < len(header.seeds):
-        raise _damaged(path, f"{HEADER}, seeds", "different seeds", f"{list(header.seeds)}")
-    for row, network in enumerate(networks):
-        place = f"{NETWORKS}, line {row + 1}"
-        if network.sha256 != _sha256(network.source.encode()):
-            raise _damaged(path, place, "the SHA-256 of the source", network.sha256[:12])
-        if (network.profile is None) == (network.rejection is None):
-            raise _damaged(path, place, "a profile or a rejection", "both or neither")
-    if len(table.by_source) < len(networks):
-        raise _damaged(path, NETWORKS, "each source once", "one twice")
-    wanted = [
-        (row, seed)
-        for row, network in enumerate(networks)
-        if network.profile is not None
-        for seed in range(len(header.seeds))
-    ]
-    if [(row.network, row.seed) for row in table.trainings] != wanted:
-        raise _damaged(path, TRAININGS, "each admitted network with each seed once, in order", "other rows")
-    for number, training in enumerate(table.trainings, start=1):
-        place = f"{TRAININGS}, line {number}"
-        if (training.full is None) == (training.rejection is None):
-            raise _damaged(path, place, "a training or a rejection", "both or neither")
-        if training.full is not None:
-            _check_training(table, training.full, place)
-    _check_seeds_differ(table)
-    _check_tests_agree(table)
-    _check_networks_differ(table)
-
-
-def _check_training(table: SpaceTable, full: FullTraining, place: str) -> None:
-    """Check that a training has the epochs of the header, and that nothing of it contradicts the rest."""
-    path, facts, settings = table.path, table.header.data, table.header.settings.training
-    epochs = settings.epochs
-    losses, of_training = full.training.validation_losses, full.training.train_losses
-    if not len(losses) == len(of_training) == epochs:
-        raise _damaged(path, place, f"the losses of {epochs} epochs", str(len(losses)))
-    if not min(losses + of_training) >= 0:
-        raise _damaged(path, place, "losses of 0 or more", str(min(losses + of_training)))
-    if any(map(_is_negative, losses)) or any(value == 0 and _is_negative(value) for value in full.metrics.values()):
-        raise _damaged(path, place, "0 without a sign", "-0.0")
-    if full.training.not_deterministic and settings.device is Device.cpu:
-        got = f"operations that are not deterministic ({', '.join(full.training.not_deterministic)})"
-        raise _damaged(path, place, "none on a CPU, where such a network is rejected", got)
-    if full.kept is None and table.header.study >= KEPT_SINCE:
-        raise _damaged(path, place, f"test predictions, which study rules {table.header.study} keep", "none")
-    if full.epoch != losses.index(min(losses)) + 1:
-        raise _damaged(path, place, "the epoch of the lowest validation loss", str(full.epoch))
-    if full.metrics.keys() != (names := metric_names(facts.kind, facts.names)):
-        raise _damaged(path, f"{place}, metrics", ", ".join(sorted(names)), ", ".join(sorted(full.metrics)))
-    found = contradiction(facts.kind, facts.names, full.metrics, full.confusion, images=facts.counts[2])
-    if found is not None:
-        what, got, expected = found
-        raise _damaged(path, f"{place}, {what}", expected, got)
-
-
-def _check_seeds_differ(table: SpaceTable) -> None:
-    """Check that no training of a network stands for two seeds: other initial weights give other weights."""
-    seen: set[tuple[int, str]] = set()
-    for number, row in enumerate(table.trainings, start=1):
-        if row.full is None:
-            continue
-        key = row.network, row.full.training.weights_sha256
-        if key in seen:
-            place = f"{TRAININGS}, line {number}"
-            raise _damaged(table.path, place, "other weights than those of another seed", "the same")
-        seen.add(key)
-
-
-def _check_tests_agree(table: SpaceTable) -> None:
-    """Check that all trainings were tested on the same labels: their digest, and the images of each true class."""
-    first: Json = None
-    for number, row in enumerate(table.trainings, start=1):
-        if row.full is None:
-            continue
-        labels = None if row.full.kept is None else row.full.kept.labels
-        tested: Json = [labels, [sum(images) for images in row.full.confusion or ()]]
-        first = tested if first is None else first
-        if tested != first:
-            place = f"{TRAININGS}, line {number}"
-            raise _damaged(table.path, place, f"the test labels of the rows above, {first}", f"{tested}")
-
-
-def _check_networks_differ(table: SpaceTable) -> None:
-    """Check that networks of different sizes have neither weights nor predictions in common."""
-    sizes: dict[str, int] = {}
-    for number, row in enumerate(table.trainings, start=1):
-        profile = table.networks[row.network].profile
-        if row.full is None or profile is None:
-            continue
-        kept, training = row.full.kept, row.full.training
-        for digest in (training.weights_sha256, training.predictions_sha256, *([kept.predictions] if kept else [])):
-            if sizes.setdefault(digest, profile.parameters) != profile.parameters:
-                place, expected = f"{TRAININGS}, line {number}", "other weights and predictions than a network's above"
-                raise _damaged(table.path, place, f"{expected} that has another number of parameters", "the same")
-
-
-def _is_negative(value: float) -> bool:
-    """Answer whether a number has a minus sign, be it that of -0.0."""
-    return math.copysign(1, value) < 0
 
 
 def card(header: Header, networks: Sequence[TableNetwork]) -> str:
@@ -542,7 +258,3 @@ def _rows(kind: type[T], members: Mapping[str, bytes], name: str, path: Path) ->
 
 def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
-
-
-def _damaged(path: Path, place: str, expected: str, got: str) -> BundleError:
-    return BundleError(got, place=f"{path}, {place}", expected=expected, remedy="fetch the file again")

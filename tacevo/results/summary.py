@@ -1,10 +1,13 @@
-"""What a run found, in words and tables, from its ledger alone: for summary.md, the end of a search and the page."""
+"""What a run found, in words and tables: for summary.md, the end of a search and the page.
+
+It follows from the ledger; of candidates that are alike in all that it says, also from their texts.
+"""
 
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
-from tacevo.choices import ArchiveKind, FitnessRule
+from tacevo.choices import ArchiveKind, DataSource, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.evolution.lines import (
@@ -17,6 +20,7 @@ from tacevo.evolution.lines import (
     skipped_note,
 )
 from tacevo.evolution.reevaluation import fitness_by_id
+from tacevo.results.copies import copies
 from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import significant
@@ -54,19 +58,29 @@ def _short(run: RecordedRun, write: Callable[[str], str]) -> list[str]:
     return [*above, elites, "\n".join(map(write, rates_in_words(run)))]
 
 
-#: What a fitness is of one training, and of several.
+#: What a fitness is of one training, and of several; `{}` is what seed it is.
 _LOSSES = {
-    FitnessRule.last: ("loss of one training seed", "losses of as many training seeds"),
+    FitnessRule.last: ("loss of one {} seed", "losses of as many {} seeds"),
     FitnessRule.lowest: ("lowest loss of one seed", "lowest losses of as many seeds"),
     FitnessRule.mean_of_3: ("mean of 3 losses of one seed", "means of 3 losses of as many seeds"),
 }
+
+
+def is_looked_up(config: RunConfig) -> bool:
+    """Answer whether a run trains nothing, and looks its evaluations up in the table of a space."""
+    return config.data.source is DataSource.table
+
+
+def evaluated(config: RunConfig) -> str:
+    """Return the word for a network that has a fitness: trained, or looked up in a table."""
+    return "looked up" if is_looked_up(config) else "trained"
 
 
 def worth(config: RunConfig) -> str:
     """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
     seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
     one, several = _LOSSES[config.training.fitness]
-    losses = one if seeds == 1 and not or_more else several
+    losses = (one if seeds == 1 and not or_more else several).format("recorded" if is_looked_up(config) else "training")
     return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
 
 
@@ -127,9 +141,20 @@ def outcome_in_words(run: RecordedRun) -> tuple[str, str]:
         f"fitness {_number(ranked[0].fitness)} by {ranked[0].id}; the best of generation 0 has {_number(first)}, "
         f"the baseline {_number(baseline.fitness)}{trivial}."
     )
-    best = f"Best {words} Fitness is a validation loss of the short training; lower wins. Each is {worth(run.config)}"
+    best = f"Best {words} {_fitness_in_words(run)}; lower wins. Each is {worth(run.config)}"
     header = ["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"]
     return f"Lowest {words}" if run.shortfall else best, table(header, rows)
+
+
+def _fitness_in_words(run: RecordedRun) -> str:
+    """Say what loss a fitness is."""
+    if not is_looked_up(run.config):
+        return "Fitness is a validation loss of the short training"
+    epochs = counted(run.config.training.epochs, "epoch")
+    return (
+        f"Each fitness was looked up in the table {run.record.data.fingerprint[:12]}: a validation loss of the first "
+        f"{epochs} that stand there"
+    )
 
 
 def _fitness(line: CandidateLine) -> float:
@@ -148,27 +173,35 @@ def rates_in_words(run: RecordedRun) -> list[str]:
         return ["Gate: no model was asked.", *_cost(run)]
     answers = counted(left + sum(one.rejected for one in stages), "first answer")
     rejected = listed(f"{one.stage} {one.rejected} ({_reasons(one)})" for one in stages if one.rejected)
-    skipped = skipped_note(lines)
-    what = "trained or skipped" if skipped else "trained"
+    did = evaluated(run.config)
+    skipped = skipped_note(lines, did)
+    what = f"{did} or skipped" if skipped else did
     rate = f"Gate: {left} of {answers} {what} ({_percent(share)}); rejected: {rejected}."
-    return [rate, *skipped, *misreported(stages), *_repaired(lines), *_cost(run)]
+    return [rate, *_unchanged(run), *skipped, *misreported(stages), *_repaired(lines, did), *_cost(run)]
+
+
+def _unchanged(run: RecordedRun) -> list[str]:
+    """Say how many candidates are a parent's network again, which the rate counts as any other, where one is."""
+    count = sum(run.directory.read_kept(name) is not None for name in copies(run))  # whose text a reader can compare
+    return [f"Unchanged: {counted(count, 'answer')} with the network of a parent again, words aside."] if count else []
 
 
 def _reasons(stage: GateStage) -> str:
     return ", ".join(f"{reason} {count}" for reason, count in sorted(stage.reasons))
 
 
-def _repaired(lines: Collection[CandidateLine]) -> list[str]:
-    """Say what came of the answers that were sent back, where any was."""
+def _repaired(lines: Collection[CandidateLine], did: str) -> list[str]:
+    """Say what came of the answers that were sent back, where any was; `did` is `trained`, or `looked up`."""
     sent_back = [line for line in lines if line.repairs]
     if not sent_back:
         return []
     attempts = sum(len(line.repairs) for line in sent_back)
     admitted = sum(line.source is not None for line in sent_back)
-    trained = sum(line.fitness is not None for line in sent_back)
+    known = sum(line.fitness is not None for line in sent_back)
+    of_these = f"{known} of these {did}" if did == "trained" else f"{known} of these were {did}"
     return [
         f"Repaired: {len(sent_back)} answers were sent back, {attempts} times in all; {admitted} then passed the gate, "
-        f"and {trained} of these trained. They count as rejected above, where their first answer was."
+        f"and {of_these}. They count as rejected above, where their first answer was."
     ]
 
 
@@ -214,15 +247,17 @@ def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
          _number(line.qd_score), _number(line.temperature)]
         for line in generations
     ]  # fmt: skip
-    header = ["generation", "trained", "best", "median", "networks", "prompts", "QD-score", "T"]
+    did = evaluated(config)
+    header = ["generation", did, "best", "median", "networks", "prompts", "QD-score", "T"]
     words = (
-        "`trained` is of all slots; in generation 0 the baseline has one of them. `networks` and `prompts` are the "
+        f"`{did}` is of all slots; in generation 0 the baseline has one of them. `networks` and `prompts` are the "
         "coverage of the two archives."
     )
     if config.archive.kind is ArchiveKind.best:
         words += f" That of networks has no niches, but places for the best {config.archive.kept}."
     if config.search.training_flops is not None:
-        words += f" The search ends where its trainings reach search.training_flops={config.search.training_flops:g}."
+        counts = "what it looks up reaches" if is_looked_up(config) else "its trainings reach"
+        words += f" The search ends where {counts} search.training_flops={config.search.training_flops:g}."
     return f"## Generations\n\n{words}\n\n{table(header, rows)}"
 
 

@@ -12,7 +12,8 @@ from tacevo.data.dataset import Dataset
 from tacevo.errors import CacheMissError, ConfigError
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, Rejection, Training, to_json
-from tacevo.results.space_table import DECISIVE, SpaceTable, read_table, value_of
+from tacevo.results.space_table import read_table
+from tacevo.results.table_records import DECISIVE, SpaceTable, value_of
 from tacevo.rules import LIKE_TODAY
 from tacevo.sandbox.client import Finished, Frame, RunJob, Score
 from tacevo.storage.canonical import canonical
@@ -29,6 +30,13 @@ def table_of(config: RunConfig) -> SpaceTable:
     """
     table = read_table(Path(config.data.root or ""))
     header, made = table.header, table.header.settings
+    if config.llm.space is None:
+        raise ConfigError(
+            f"llm={config.llm.provider}, which is not bound to a space",
+            place="llm",
+            expected=f"the grammar within the space of the table {table.path}",
+            remedy="set llm=grammar_space",
+        )
     for key in DECISIVE:
         ours, theirs = (value_of(each, key) for each in (config, made))
         if ours != theirs:
@@ -60,12 +68,13 @@ def check_fresh(config: RunConfig, seeds: int) -> None:
     table = table_of(config)
     left = len(table.header.seeds) - config.training.seeds
     what = f"those of the {len(table.header.seeds)} of {table.path} that the search has not seen"
-    _check_most("seeds", seeds, left, what)
+    remedy = f"set seeds={left}" if left else "a noise run needs a table of more seeds, and a search in that"
+    _check_most("seeds", seeds, left, what, remedy)
 
 
-def _check_most(key: str, value: int, most: int, what: str) -> None:
+def _check_most(key: str, value: int, most: int, what: str, remedy: str = "") -> None:
     if value > most:
-        raise ConfigError(str(value), place=key, expected=f"at most {most}, {what}")
+        raise ConfigError(str(value), place=key, expected=f"at most {most}, {what}", remedy=remedy)
 
 
 def data_of(table: SpaceTable) -> Dataset:

@@ -153,6 +153,7 @@ class _Words(ProgressColumn):
 class Watcher:
     """Shows the candidates and generations of a search; the observer of a replay (`is_replay`).
 
+    `did` is what becomes of candidates: `trained`, or `looked up` in a table (`tacevo.results.summary.evaluated`).
     How long a search takes is told by the pace of the trainings so far, `at_once` of which run together; and where that
     is long, what part of it `saving` measures (`tacevo.runs.pace.part_saved`).
     """
@@ -164,6 +165,7 @@ class Watcher:
         trivial: float | None = None,
         *,
         is_replay: bool = False,
+        did: str = "trained",
         at_once: int = 1,
         saving: Callable[[], float] | None = None,
         clock: Callable[[], float] = time.monotonic,
@@ -172,6 +174,7 @@ class Watcher:
         self._view = view
         self._trivial = trivial
         self._is_replay = is_replay
+        self._did = did
         self._at_once = at_once
         self._saving = saving
         self._clock = clock
@@ -222,7 +225,7 @@ class Watcher:
             again = "" if line.reevaluated is None else f", {counted(line.reevaluated, 'elite')} trained again"
             repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
             skipped = "" if line.skipped is None else f", {line.skipped} skipped"
-            trained = f": {line.trained} of {line.candidates} candidates trained{repaired}{skipped}{again}"
+            trained = f": {line.trained} of {line.candidates} candidates {self._did}{repaired}{skipped}{again}"
             did = " replayed:" if self._is_replay else f"{trained},"
             done = f"{self._done} of {self._most} slots done{self._left()}"
             self._view.say(f"generation {line.generation}{did} {reached} ({done})")

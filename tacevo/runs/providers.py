@@ -12,9 +12,10 @@ import yaml
 
 from tacevo.choices import OPTIONAL_SAMPLING, Provider
 from tacevo.config.arms import GROUP, read_arm, split_arm
-from tacevo.config.conf_folder import read_named
+from tacevo.config.conf_folder import config_file, read_named
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.config.strict_yaml import read_yaml
+from tacevo.costs import Spending, dollars
 from tacevo.errors import ConfigError
 from tacevo.evolution.development import LLM
 from tacevo.evolution.lines import TEMPERATURE
@@ -26,9 +27,10 @@ from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused, unkept
 from tacevo.records import Delivery, Mode, Price, Setting, to_json
-from tacevo.redaction import names_place
+from tacevo.redaction import names_place, without_password
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import Store, Stores
+from tacevo.text import counted
 from tacevo.typed import parse
 
 #: The variable that tells a provider's SDK of another address, and the host of the provider's own servers.
@@ -73,6 +75,43 @@ def asks_elsewhere(llm: LLMConfig) -> bool:
     variable, host = _OWN[llm.provider]
     address = llm.base_url or os.environ.get(variable)
     return bool(address) and re.match(rf"https://([\w-]+\.)*{re.escape(host)}(:\d+)?(/|$)", str(address)) is None
+
+
+def server_of(llm: LLMConfig) -> str:
+    """Return where a hosted model is asked: an address without its password, or the host of the provider's own."""
+    variable, host = _OWN[llm.provider]
+    return without_password(llm.base_url or os.environ.get(variable) or host)
+
+
+def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bool) -> list[str]:
+    """Say whom the next requests of a run go to, and what may be paid; nothing where no server is asked.
+
+    Args:
+        llm: of the run as it goes on.
+        requests: how many there are, at most.
+        before: what the answers so far cost; those that come are taken to be as long.
+        elsewhere: whether another server than the provider's own gave these.
+    """
+    if llm.provider not in _OWN or llm.mode is Mode.replay:
+        return []
+    others = elsewhere and not asks_elsewhere(llm)
+    own = ", the provider's own and not the server that answered so far (llm.base_url=URL names that)" if others else ""
+    price = prices_of(llm).price(llm.name, llm.delivery)
+    if price is None:
+        paid = "what they cost is not known"
+    elif before.uncounted or not before.answers:
+        paid = f"an answer to the limit of {counted(llm.max_tokens, 'token')} alone is "
+        paid += f"{dollars(price.cost(0, llm.max_tokens))} USD"
+    else:
+        each = price.cost(before.input_tokens, before.output_tokens) / before.answers
+        paid = f"some {dollars(requests * each)} USD, if answers are as long as those so far"
+    limit = (
+        "no limit (llm.budget_usd=N sets one)" if llm.budget_usd is None else f"at most {llm.budget_usd:g} USD in all"
+    )
+    return [
+        f"asking {llm.name} at {server_of(llm)}{own}",
+        f"up to {counted(requests, 'request')}: {paid}; {limit}",
+    ]
 
 
 def name_warning(llm: LLMConfig) -> str | None:
@@ -183,12 +222,15 @@ def prices_of(llm: LLMConfig) -> PriceTable:
 
 
 def load_prices(name: str) -> PriceTable:
-    """Read a price table, relative to conf/ or absolute.
+    """Read a price table, absolute or below conf/; `compose` makes one absolute that lies in the working directory.
 
     Raises:
         ConfigError: the file is missing or malformed.
     """
     place = f"llm.prices={name}"
+    if not config_file(name, "llm.prices").is_file():
+        expected = "a price table, in the working directory or below conf/"
+        raise ConfigError(f"{name}, which is not there", place=place, expected=expected)
     try:
         table = json.dumps(read_yaml(read_named("llm.prices", name)), default=str)  # YAML reads days as dates
     except yaml.YAMLError as error:

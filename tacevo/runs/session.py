@@ -2,7 +2,8 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,10 +22,11 @@ from tacevo.evolution.lines import GenerationLine, SearchLine
 from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.run_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.state import Plan, SearchState
+from tacevo.llm.recording import RecordingLLM
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, to_json, written
 from tacevo.redaction import without_password
 from tacevo.results.run import RecordedRun
-from tacevo.results.summary import in_short, summarise
+from tacevo.results.summary import evaluated, in_short, summarise
 from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data, trivial_of
@@ -61,6 +63,8 @@ class Result:
     succeeded: bool
     #: Whether its evaluations are those of a table, which has few other seeds.
     looked_up: bool
+    #: How many answers were asked for and paid now, and how many came from the store (`tacevo.costs.Tally`).
+    asked: str = ""
 
 
 def search(config: RunConfig, view: Progress) -> Result:
@@ -135,6 +139,7 @@ def record(
                 view,
                 usable=usable,
                 trivial=trivial,
+                did=evaluated(config),
                 at_once=config.executor.workers if is_elsewhere else trainings_at_once(config),
                 saving=partial(part_saved, config, len(data.train)),
                 elsewhere=asks_elsewhere(config.llm),
@@ -164,6 +169,7 @@ def record(
             best=name,
             succeeded=succeeded,
             looked_up=config.data.source is DataSource.table,
+            asked=llm.tally.in_words if isinstance(llm, RecordingLLM) else "",
         )
 
 
@@ -282,9 +288,44 @@ def mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iter
     try:
         yield
         finished = True
-        view.say(f"MLflow: waiting for its last lines, {MIRROR_SECONDS:.0f} s at most")
     finally:
-        warning = mirror.finish(MIRROR_SECONDS if finished else 0.0)
+        _wait_for([mirror], view, finished=finished)
+
+
+@contextlib.contextmanager
+def mirrored_together(view: Progress) -> Iterator[list[tuple[RunConfig, RunDirectory]]]:
+    """Mirror finished runs once a block of work is done, one after the other, and wait for that once.
+
+    Yields:
+        A list, to which the block adds each run, with the configuration that says where it is mirrored.
+    """
+    runs: list[tuple[RunConfig, RunDirectory]] = []
+    finished = False
+    try:
+        yield runs
+        finished = True
+    finally:
+        places: dict[tuple[str, str], list[Path]] = {}
+        for config, directory in runs:
+            if config.tracking.kind is not Tracking.none:
+                places.setdefault((config.tracking.uri, config.tracking.experiment), []).append(directory.path)
+        mirrors = [
+            Mirror(first, uri=uri, experiment=experiment, more=more)
+            for (uri, experiment), (first, *more) in places.items()
+        ]
+        for mirror in mirrors:
+            mirror.start()
+        if mirrors:
+            _wait_for(mirrors, view, finished=finished)
+
+
+def _wait_for(mirrors: Sequence[Mirror], view: Progress, *, finished: bool) -> None:
+    """End mirrors, and wait for them where the work that they mirror is finished."""
+    if finished:
+        view.say(f"MLflow: waiting for its last lines, {MIRROR_SECONDS:.0f} s at most")
+    deadline = time.monotonic() + (MIRROR_SECONDS if finished else 0.0)
+    for mirror in mirrors:
+        warning = mirror.finish(max(0.0, deadline - time.monotonic()))
         if warning is not None:
             view.say(warning)
 
@@ -323,11 +364,12 @@ class _Recorder(Watcher):
         *,
         usable: UsableAnswers,
         trivial: float,
+        did: str,
         at_once: int,
         saving: Callable[[], float],
         elsewhere: bool,
     ) -> None:
-        super().__init__(plan, view, trivial, at_once=at_once, saving=saving)
+        super().__init__(plan, view, trivial, did=did, at_once=at_once, saving=saving)
         self._usable = usable
         self._directory = directory
         self._ledger = ledger

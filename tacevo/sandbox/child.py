@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from tacevo.choices import Confinement
 from tacevo.records import Json, Limits
 from tacevo.sandbox.confinement import confine
-from tacevo.sandbox.kernel import end_with
+from tacevo.sandbox.kernel import end_with, keep_priority
 from tacevo.sandbox.processes import close_all_but
 from tacevo.sandbox.protocol import Header, Message, Sort, describe
 
@@ -87,6 +87,7 @@ def run(
     try:
         end_with(supervisor)
         os.setsid()
+        keep_priority()
         os.chdir("/")
         close_all_but(pipe)
         if equip is not None:

@@ -1,9 +1,11 @@
 """System calls that Python has no function for; each raises `OSError` where the kernel refuses."""
 
+import contextlib
 import ctypes
 import os
 import signal
 import struct
+from pathlib import Path
 
 #: Attributes of a process, for prctl(2).
 _PR_SET_PDEATHSIG = 1
@@ -38,6 +40,22 @@ def end_with(parent: int) -> None:
     _control(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
+
+
+def lower_priority(nice: int) -> None:
+    """Let other work go first: this process, and those that it starts, have at least this niceness, 1 to 19."""
+    os.setpriority(os.PRIO_PROCESS, 0, max(nice, os.getpriority(os.PRIO_PROCESS, 0)))
+
+
+def keep_priority() -> None:
+    """Give a session that this process has for itself the process's niceness, where it lets others go first.
+
+    Where Linux groups processes by session, niceness counts within a group only. Nothing happens where the kernel does
+    not group so, or refuses.
+    """
+    if (nice := os.getpriority(os.PRIO_PROCESS, 0)) > 0:
+        with contextlib.suppress(OSError):
+            Path("/proc/self/autogroup").write_text(str(nice))
 
 
 def become_subreaper() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from tacevo.errors import SandboxError
 from tacevo.sandbox.child import Arrays, Entry, Equip
-from tacevo.sandbox.kernel import become_subreaper, protect_memory
+from tacevo.sandbox.kernel import become_subreaper, keep_priority, protect_memory
 from tacevo.sandbox.processes import close_all_but, end_own_descendants
 from tacevo.sandbox.protocol import Channel, Header, Message, Sort, describe
 from tacevo.sandbox.supervisor import supervise
@@ -26,6 +26,7 @@ _OUTPUT, _ERRORS = 1, 2
 
 def main(descriptor: int) -> None:
     """Serve jobs until the search closes its end of the socket `descriptor`."""
+    keep_priority()
     gc.disable()  # what is imported is kept, and searching it for garbage took a tenth of the start
     protect_memory()
     become_subreaper()

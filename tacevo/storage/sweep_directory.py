@@ -3,7 +3,8 @@
 sweep.json            the overrides that all jobs share, the jobs, and the terms that they are compared on
 NAME/                 the run directory of a job (tacevo.storage.run_directory)
 failed/NAME.json      why a job failed, until it is repeated and succeeds
-launch/               what launching leaves behind: the last output of each job (NAME.log), and submitit's files
+launch/               what launching leaves behind: the last output of each job (NAME.log), what a job on Slurm is
+                      started by (NAME.json), and submitit's files
 """
 
 import shlex
@@ -143,6 +144,10 @@ class SweepDirectory:
     def log(self, job: Job) -> Path:
         """Return the file that holds the last output of a job."""
         return self.launch / f"{job.name}.log"
+
+    def order(self, job: Job) -> Path:
+        """Return the file that holds what a job on Slurm is started by."""
+        return self.launch / f"{job.name}.json"
 
     def run(self, job: Job) -> RunDirectory:
         """Return the run directory of a job, begun or not."""

@@ -19,10 +19,10 @@ from tacevo.results.publishable import other_device
 from tacevo.results.settings import settings_of
 from tacevo.results.study_directory import is_stated, studies_of
 from tacevo.results.sweep import REFERENCE
-from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
+from tacevo.runs.session import mirrored_together
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, SweepRecord, naming
-from tacevo.studies.study import Studied, estimate_noise, study
+from tacevo.studies.study import MirrorLater, Studied, check_study, estimate_noise, study
 from tacevo.text import counted, listed
 from tacevo.typed import FreeJson
 
@@ -57,14 +57,18 @@ def study_sweep(
         arms=arms,
         other_device=_other_device(directory, finished, config, other),
     )
+
+    def of_job(run: str) -> StudyConfig:
+        return replace(config, run=run, sweep=None, arms=())
+
     for job in finished:
-        with naming(job.name):
-            source_of(settings_of(directory.run(job)))  # what has no test images is not said to be tested
+        with naming(job.name):  # what is refused is not said to be tested
+            check_study(of_job(str(directory.run(job).path)), other)
     if sweep.terms.retraining != retraining:
         _state(directory, retraining)
 
-    def train(run: str) -> Studied:
-        studied = study(replace(config, run=run, sweep=None, arms=()), view, other)
+    def train(run: str, later: MirrorLater) -> Studied:
+        studied = study(of_job(run), view, other, later)
         if (lacking := config.elites + 1 - studied.trainings // config.seeds) > 0:
             places = f"{lacking} of {counted(config.elites, 'place')}"
             view.say(f"no elite for {places}: the baseline counts there, so each job's score is of as many networks")
@@ -109,9 +113,11 @@ def estimate_noise_of_sweep(path: Path, config: NoiseConfig, view: Progress) -> 
     """Train the elites of each finished job again, or resume such noise runs; as `study_sweep`."""
     directory = SweepDirectory(path)
     finished = _finished(directory, directory.read().jobs)
-    studies, unfinished = _each(
-        directory, finished, lambda run: estimate_noise(replace(config, run=run, sweep=None), view), view
-    )
+
+    def train(run: str, later: MirrorLater) -> Studied:
+        return estimate_noise(replace(config, run=run, sweep=None), view, later)
+
+    studies, unfinished = _each(directory, finished, train, view)
     return studies, [job.name for job in unfinished]
 
 
@@ -125,15 +131,19 @@ def _finished(directory: SweepDirectory, jobs: Sequence[Job]) -> list[Job]:
 
 
 def _each(
-    directory: SweepDirectory, finished: Sequence[Job], train: Callable[[str], Studied], view: Progress
+    directory: SweepDirectory, finished: Sequence[Job], train: Callable[[str, MirrorLater], Studied], view: Progress
 ) -> tuple[list[Studied], list[Job]]:
-    """Do the same for the run of each job, one after another; an error names the job; also return the other jobs."""
+    """Do the same for the run of each job, one after another; an error names the job; also return the other jobs.
+
+    MLflow, which takes seconds for each run, is waited for once, when all is trained.
+    """
     studies = []
-    for number, job in enumerate(finished, start=1):
-        view.say(f"job {job.name} ({number} of {len(finished)})")
-        with naming(job.name):
-            studies.append(train(str(directory.run(job).path)))
-        view.advance("jobs", number, len(finished))
+    with mirrored_together(view) as later:
+        for number, job in enumerate(finished, start=1):
+            view.say(f"job {job.name} ({number} of {len(finished)})")
+            with naming(job.name):
+                studies.append(train(str(directory.run(job).path), later))
+            view.advance("jobs", number, len(finished))
     jobs = directory.read().jobs  # with those that were added meanwhile
     return studies, [job for job in jobs if job not in finished]
 

@@ -6,6 +6,7 @@ draws. Every training is in the store as soon as it ends, so a study that was st
 processes with one store may work on the same one. The order of the work enters no file.
 """
 
+import contextlib
 import random
 from collections.abc import Sequence, Set
 from concurrent.futures import Executor, as_completed
@@ -39,6 +40,7 @@ from tacevo.results.study_lines import (
     StudyTerms,
     fewest_seeds,
 )
+from tacevo.results.table_files import with_table
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.looked_up import check_fresh
@@ -47,11 +49,15 @@ from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, noise_seed, recipe_of, trained_by
 from tacevo.storage.files import in_use
 from tacevo.storage.plan_file import SeedPlan, read_plan
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
 from tacevo.studies.networks import given_networks, networks_of
 from tacevo.text import counted, listed
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
+
+#: Runs that are mirrored once other work is done, with the configuration that says where.
+MirrorLater = list[tuple[RunConfig, RunDirectory]]
 
 _Verdict = FullTraining | Training | Rejection
 
@@ -101,15 +107,38 @@ class _Plan:
     jobs: tuple[_Job, ...]
 
 
-def study(config: StudyConfig, view: Progress, other: Sequence[str] = ()) -> Studied:
+def study(
+    config: StudyConfig, view: Progress, other: Sequence[str] = (), mirror_later: MirrorLater | None = None
+) -> Studied:
     """Study a finished run, or resume a study that was begun under the same configuration, which names the run.
 
-    `other` are settings of data, numerics and device that are not the run's, such as `data.split_seed=7`.
+    `other` are settings of data, numerics and device that are not the run's, such as `data.split_seed=7`. A run is
+    added to `mirror_later` in place of being mirrored and waited for, where that is given (`mirrored_together`).
 
     Raises:
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
+    plan, moved = _planned(config, other)
+    return _carry_out(plan, config.elites if plan.run.answered else 0, view, moved, mirror_later)
+
+
+def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
+    """Check, as far as its run says, that `study` would not refuse this; nothing is written or trained.
+
+    Raises:
+        RunError: the run is not finished, or something of it was damaged or edited, or it lacks what is chosen by.
+        ConfigError: its data are no images, or this machine cannot train as is asked.
+        SandboxError: candidates cannot be confined as the run asks.
+    """
+    plan, moved = _planned(config, other)
+    run = replace(plan.config, data=moved or plan.config.data)
+    source_of(run)
+    check_means(run)
+
+
+def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[_Plan, DataConfig | None]:
+    """Work out what a study follows from, and its data where they are not the run's."""
     run = read_run(Path(config.run or ""), config.store.root)
     elsewhere = replace(run.with_data, executor=config.executor)
     if other:
@@ -129,12 +158,11 @@ def study(config: StudyConfig, view: Progress, other: Sequence[str] = ()) -> Stu
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
-    moved = elsewhere.data if any(map(is_of_data, other)) else None
-    return _carry_out(plan, config.elites if run.answered else 0, view, moved)
+    return plan, elsewhere.data if any(map(is_of_data, other)) else None
 
 
-def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
-    """Train the elites of a finished run as its search did, with other seeds, or resume such a noise run.
+def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLater | None = None) -> Studied:
+    """Train the elites of a finished run as its search did, with other seeds, or resume such a noise run; as `study`.
 
     Raises:
         TacevoError: see its subclasses; the trainings that ended are kept.
@@ -142,9 +170,10 @@ def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
     """
     run = read_run(Path(config.run or ""), config.store.root)
     elites = None if isinstance(config.elites, str) else config.elites
+    here = with_table(run.config, run.record.data.fingerprint, run.path)
     plan = _plan(
         run,
-        replace(run.config, executor=config.executor),
+        replace(here, executor=config.executor),
         elites=elites,
         seeds=config.seeds,
         terms=None,
@@ -152,10 +181,16 @@ def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
         planned=None,
         rules=CURRENT.training,
     )
-    return _carry_out(plan, elites or 0, view)
+    return _carry_out(plan, elites or 0, view, mirror_later=mirror_later)
 
 
-def _carry_out(plan: _Plan, wanted: int, view: Progress, elsewhere: DataConfig | None = None) -> Studied:
+def _carry_out(
+    plan: _Plan,
+    wanted: int,
+    view: Progress,
+    elsewhere: DataConfig | None = None,
+    mirror_later: MirrorLater | None = None,
+) -> Studied:
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
     run = replace(plan.config, data=elsewhere or plan.run.with_data.data)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
@@ -182,8 +217,11 @@ def _carry_out(plan: _Plan, wanted: int, view: Progress, elsewhere: DataConfig |
         _introduce(directory, plan, wanted, len(recorded), view)
         with telling(lambda: any(evaluator.is_recorded(job.source, job.seed) for job in plan.jobs)):
             verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
-        with mirrored(run, plan.run.directory, view):  # it reads studies when this is done
+        later = contextlib.nullcontext() if mirror_later is not None else mirrored(run, plan.run.directory, view)
+        with later:  # a mirror reads studies when this is done
             digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
+    if mirror_later is not None:
+        mirror_later.append((run, plan.run.directory))
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
     return Studied(

@@ -23,15 +23,8 @@ from tacevo.llm.grammar.space import Genome, genomes, member
 from tacevo.profile import Admitted
 from tacevo.records import DataFacts, Mode, Rejection, Task, to_json
 from tacevo.results.publishable import published_config
-from tacevo.results.space_table import (
-    Header,
-    SpaceTable,
-    TableNetwork,
-    TableTraining,
-    check_networks,
-    check_size,
-    write_table,
-)
+from tacevo.results.space_table import check_networks, check_size, write_table
+from tacevo.results.table_records import Header, SpaceTable, TableNetwork, TableTraining
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.progress import Progress

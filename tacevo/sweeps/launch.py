@@ -23,11 +23,20 @@ from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.redaction import is_secret_variable
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.sweeps.search_process import Starter, end, keep_ending
+from tacevo.sweeps.search_process import Starter, end, keep_ending, keep_order
 from tacevo.text import first_line
 
 #: What `hydra/launcher=` may name.
 SLURM = "submitit_slurm"
+
+#: Hydra's names for launchers of this machine: its own, which users of Hydra type, and one that has other options.
+_BASIC, _JOBLIB = "basic", "joblib"
+
+#: What takes their place.
+_INSTEAD = (
+    "-m itself runs jobs as processes of this machine, as many at once as its cores take; hydra.launcher.n_jobs=N sets "
+    "another number"
+)
 
 #: How the overrides of the launcher begin.
 _LAUNCHER, _OPTION = "hydra/launcher=", "hydra.launcher."
@@ -47,6 +56,8 @@ class Launcher:
     cluster: str = ""
     #: By name, as `n_jobs`.
     options: Mapping[str, Json]
+    #: What a user is told of the launcher that was named; empty where it is as Hydra has it.
+    remark: str = ""
 
 
 def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]:
@@ -56,12 +67,12 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
         ConfigError: there are two launchers, or one that is not known.
     """
     launchers = [override.removeprefix(_LAUNCHER) for override in overrides if override.startswith(_LAUNCHER)]
-    if launchers not in ([], [SLURM]):
+    if launchers not in ([], [_BASIC], [SLURM]):
         raise ConfigError(
             " and ".join(launchers),
             place="hydra/launcher",
             expected=SLURM,
-            remedy="leave it out to run the jobs on this machine",
+            remedy=f"leave it out: {_INSTEAD}" if launchers == [_JOBLIB] else "leave it out for this machine",
         )
     own = [override.removeprefix(_OPTION).partition("=") for override in overrides if override.startswith(_OPTION)]
     try:
@@ -71,7 +82,9 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
             str(error).splitlines()[0], place="hydra.launcher", expected="NAME=VALUE, with a value in YAML"
         ) from error
     rest = (override for override in overrides if not override.startswith((_LAUNCHER, _OPTION)))
-    return Launcher(cluster=launchers[0] if launchers else "", options=options), tuple(rest)
+    cluster = SLURM if launchers == [SLURM] else ""
+    remark = f"hydra/launcher={_BASIC}: {_INSTEAD}" if launchers == [_BASIC] else ""
+    return Launcher(cluster=cluster, options=options, remark=remark), tuple(rest)
 
 
 def needed_cores(config: RunConfig) -> float:
@@ -124,6 +137,8 @@ def launch(
     if launcher.cluster:
         from tacevo.sweeps.slurm import launch_on_slurm
 
+        for job, config in jobs.items():
+            keep_order(directory, job, config)
         launch_on_slurm(directory, [*jobs], launcher.options, show)
     else:
         _launch_here(directory, jobs, launcher, show)

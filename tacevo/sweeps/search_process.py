@@ -1,12 +1,15 @@
 """The search of a job, as a process.
 
-It is the search that a user would begin by `tacevo search ... run.dir=SWEEP/NAME`, in a process and a session of its
-own. So a job that fails or is killed stops no other, and a terminal's Ctrl-C reaches the launching process only.
+It is the search that a user would begin by `tacevo search ... run.dir=SWEEP/NAME`, which its log begins with, in a
+process and a session of its own. So a job that fails or is killed stops no other, and a terminal's Ctrl-C reaches the
+launching process only. Here and on Slurm it is started by an order, which holds its configuration: what was composed
+before the sweep began is what runs.
 """
 
 import contextlib
 import json
 import os
+import shlex
 import signal
 import socket
 import subprocess
@@ -21,6 +24,7 @@ from typing import IO
 from tacevo.config.schema import RunConfig
 from tacevo.records import to_json
 from tacevo.sandbox.kernel import end_with
+from tacevo.storage.files import write_durably
 from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
 from tacevo.text import as_override
 
@@ -33,6 +37,9 @@ _INTERRUPTED = (130, 143)
 #: Bytes that the line of an exit status has at most.
 _STATUS = 8
 
+#: How the first line of a log begins, which holds the command.
+_TYPED = "$ "
+
 #: How the last line of a failed command begins.
 _ERROR = "error: "
 
@@ -43,14 +50,32 @@ def overrides_of(directory: SweepDirectory, job: Job) -> tuple[str, ...]:
     return (*sweep.overrides, *job.overrides, *seeded(sweep.terms.vary, job.seed))
 
 
+def _order(directory: SweepDirectory, job: Job, config: RunConfig) -> str:
+    """Write the order of a job's search, in one line: its configuration, and the file that its output goes to."""
+    in_place = replace(config, run=replace(config.run, dir=str(directory.run(job).path)))
+    return f"{json.dumps({'config': to_json(in_place), 'log': str(directory.log(job))})}\n"
+
+
+def keep_order(directory: SweepDirectory, job: Job, config: RunConfig) -> None:
+    """Keep the order of a job's search, for a node that `start` finds it on."""
+    write_durably(directory.order(job), _order(directory, job, config))
+
+
+def _begin_log(directory: SweepDirectory, job: Job) -> None:
+    """Begin the log of a job with the command that is the same search."""
+    run = as_override("run.dir", str(directory.run(job).path))
+    command = shlex.join(["tacevo", "search", *overrides_of(directory, job), run])
+    directory.log(job).write_text(f"{_TYPED}{command}\n", encoding="utf-8")
+
+
 def start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:
-    """Start the search of a job; it ends with this process."""
-    with directory.log(job).open("wb") as output:
+    """Start the search of a job by the order that was kept; it ends with this process."""
+    _begin_log(directory, job)
+    with directory.log(job).open("ab") as output:
         return _begin(
-            "tacevo.cli.app",
+            "tacevo.cli.starter",
             "search",
-            *overrides_of(directory, job),
-            as_override("run.dir", str(directory.run(job).path)),
+            str(directory.order(job)),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
@@ -76,12 +101,9 @@ class Starter:
 
     def start(self, job: Job, config: RunConfig) -> None:
         """Start the search of a job, once that of another has ended."""
-        log = self._directory.log(job)
-        log.write_bytes(b"")
-        in_place = replace(config, run=replace(config.run, dir=str(self._directory.run(job).path)))
-        order = {"config": to_json(in_place), "log": str(log)}
+        _begin_log(self._directory, job)
         with contextlib.suppress(ConnectionError):  # it was killed, which `poll` tells
-            self._channel.sendall(f"{json.dumps(order)}\n".encode())
+            self._channel.sendall(_order(self._directory, job, config).encode())
 
     def poll(self) -> int | None:
         """Return the exit status of the search that has ended, or of this process; None of one at work."""
@@ -162,6 +184,7 @@ def _reason(status: int, log: Path) -> str:
     """Say why a search failed."""
     if status < 0:
         return f"killed by signal {-status} ({signal.strsignal(-status)}); memory may have run out"
-    lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    said = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = [line for line in said if line.strip() and not line.startswith(_TYPED)]
     errors = [line for line in lines if line.startswith(_ERROR)] or lines
     return errors[-1].removeprefix(_ERROR) if errors else f"exit status {status}, without any output"

@@ -9,10 +9,11 @@ from tacevo.config.plain import from_plain
 from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.chance import is_at_chance
 from tacevo.evolution.lines import GenerationLine
-from tacevo.evolution.run_files import read_ledger
+from tacevo.evolution.run_files import Line, is_finished, read_begun, read_ledger
 from tacevo.results.sweep import Standing, standing_of
 from tacevo.rounding import significant
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.ledger import Sealed
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.text import counted, table, unbroken
 
@@ -35,43 +36,64 @@ class Status:
     reason: str = ""
 
 
-def status_of(directory: SweepDirectory, job: Job) -> Status:
-    """Return how a job stands; a run directory that cannot be read is a failure with its reason."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Begun:
+    """What lies in the run directory of a job, read once."""
+
+    run: RunDirectory
+    is_busy: bool
+    #: None where none was written yet.
+    record: RunRecord | None
+    ledger: Sealed[Line]
+
+
+def read_job(directory: SweepDirectory, job: Job) -> Begun:
+    """Read what lies in the run directory of a job, be it nothing.
+
+    Raises:
+        RunError: a file is damaged.
+    """
     run = directory.run(job)
+    # These three in this order: a search that ends meanwhile is finished, and grows no more.
+    return Begun(run=run, is_busy=run.is_busy, record=read_begun(run), ledger=read_ledger(run))
+
+
+def status_of(directory: SweepDirectory, job: Job, begun: Begun | None = None) -> Status:
+    """Return how a job stands; a run directory that cannot be read is a failure with its reason.
+
+    `begun` is what lies there, if it was read.
+    """
     try:
-        is_busy = run.is_busy  # these three in this order: a search that ends meanwhile is finished, and grows no more
-        digest = run.read_run().digest if (run.path / "run.json").exists() else None
-        ledger = read_ledger(run)
-        is_finished = digest is not None and digest == ledger.digest
-        standing, reason = standing_of(directory, job, is_busy=is_busy, is_finished=is_finished)
-        lines = ledger.lines
+        begun = begun or read_job(directory, job)
+        ends, lines = is_finished(begun.record, begun.ledger), begun.ledger.lines
+        standing, reason = standing_of(directory, job, is_busy=begun.is_busy, is_finished=ends)
         if lines:
-            check_is_run_of(job, run)
-        best = next((line.best for line in reversed(lines) if isinstance(line, GenerationLine)), None)
-        at_chance = is_finished and is_at_chance(best, run.read_run().trivial)
+            check_is_run_of(job, begun)
     except TacevoError as error:
         return Status(job=job, standing=Standing.failed, reason=str(error))
+    best = next((line.best for line in reversed(lines) if isinstance(line, GenerationLine)), None)
     return Status(
         job=job,
         standing=standing,
         lines=len(lines),
         best=best,
-        at_chance=at_chance,
-        digest=ledger.digest if is_finished else "",
+        at_chance=ends and begun.record is not None and is_at_chance(best, begun.record.trivial),
+        digest=begun.ledger.digest if ends else "",
         reason=reason,
     )
 
 
-def check_is_run_of(job: Job, run: RunDirectory) -> None:
+def check_is_run_of(job: Job, begun: Begun) -> None:
     """Check that a run, begun or finished, has the configuration of a job.
 
     Raises:
         RunError: it has another one; or as `RunDirectory.read_run`.
     """
-    if (came := config_hash(from_plain(run.read_run().config))) != job.config:
+    record = begun.record or begun.run.read_run()  # which says what is missing
+    if (came := config_hash(from_plain(record.config))) != job.config:
         raise RunError(
             f"a run whose configuration has the hash {came[:12]}",
-            place=str(run.path),
+            place=str(begun.run.path),
             expected=f"a run of the job {job.name}, whose configuration has the hash {job.config[:12]}",
             remedy="move that directory away, or choose another --into",
         )

@@ -23,7 +23,6 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, telling
-from tacevo.evolution.run_files import read_ledger
 from tacevo.redaction import check_address, secret_variables
 from tacevo.results.publishable import published_overrides
 from tacevo.results.sweep import Standing
@@ -34,7 +33,7 @@ from tacevo.runs.session import needed_llm
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
 from tacevo.sweeps.prospects import shortcomings
-from tacevo.sweeps.status import Status, best_in_words, check_is_run_of, status_of
+from tacevo.sweeps.status import Status, best_in_words, check_is_run_of, read_job, status_of
 from tacevo.sweeps.terms import Asked, check_varied, settled, with_reference
 from tacevo.text import counted, lasting
 
@@ -71,6 +70,8 @@ def sweep(
     """
     launcher, settings = split_launcher(overrides)
     check_launcher(launcher)
+    if launcher.remark:
+        view.say(launcher.remark)
     shared, own = part(settings, () if into is None else _own_keys(SweepDirectory(Path(into))))
     read = composer()
     (first,) = plan(shared, own[:1], read=read).values()
@@ -295,20 +296,18 @@ def _check_one_sweep(
 
 def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Status:
     """Return how a job stands, if what was begun in its directory is the job as it is asked for now."""
-    run = directory.run(job)
-    begun = bool(read_ledger(run).lines)
-    if not begun or not (run.path / "run.json").exists():
-        return status_of(directory, job)
-    check_is_run_of(job, run)
-    record = run.read_run()
-    if load_task(config, record.data) != record.task:
-        raise RunError(
-            f"a run with other texts of task {record.task.name}",
-            place=str(run.path),
-            expected="a run with the texts in conf/",
-            remedy="choose another --into",
-        )
-    return status_of(directory, job)
+    begun = read_job(directory, job)
+    record = begun.record
+    if begun.ledger.lines and record is not None:
+        check_is_run_of(job, begun)
+        if load_task(config, record.data) != record.task:
+            raise RunError(
+                f"a run with other texts of task {record.task.name}",
+                place=str(begun.run.path),
+                expected="a run with the texts in conf/",
+                remedy="choose another --into",
+            )
+    return status_of(directory, job, begun)
 
 
 def _stage(statuses: Collection[Status]) -> str:

@@ -9,6 +9,7 @@ import os
 import shlex
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from tacevo.errors import ConfigError
@@ -22,10 +23,11 @@ class Mirror:
         run_dir: the run directory, which holds `run.json` when the mirror starts; the process logs to
             `tracking.log` there.
         uri: the MLflow tracking URI; empty for the one in MLFLOW_TRACKING_URI.
+        more: directories of finished runs, which are mirrored after it.
     """
 
-    def __init__(self, run_dir: Path, *, uri: str, experiment: str) -> None:
-        self._run_dir = run_dir
+    def __init__(self, run_dir: Path, *, uri: str, experiment: str, more: Sequence[Path] = ()) -> None:
+        self._run_dir, self._more = run_dir, more
         self._uri = uri
         self._experiment = experiment
         self._log = run_dir / "tracking.log"
@@ -34,7 +36,8 @@ class Mirror:
 
     def start(self) -> None:
         """Start the process; a failure to start is kept for `finish`."""
-        command = [sys.executable, "-P", "-m", "tacevo.tracking", str(self._run_dir), "--follow"]
+        runs = map(str, (self._run_dir, *self._more))
+        command = [sys.executable, "-P", "-m", "tacevo.tracking", *runs, "--follow"]
         try:
             with self._log.open("ab") as log:
                 self._process = subprocess.Popen(
@@ -68,9 +71,12 @@ class Mirror:
 
     def _failed(self, why: str) -> str:
         log = f"see {self._log}, then " if self._log.exists() and self._log.stat().st_size else ""
+        runs = (self._run_dir, *self._more)
+        place = shlex.quote(os.path.commonpath(runs))  # of several, the directory that they lie in
+        what = "the runs themselves are" if self._more else "the run itself is"
         return (
-            f"the MLflow mirror to {shown_address(self._uri)} failed: {why}; the run itself is not affected; "
-            f"{log}`tacevo track {shlex.quote(str(self._run_dir))}` writes what is missing"
+            f"the MLflow mirror to {shown_address(self._uri)} failed: {why}; {what} not affected; "
+            f"{log}`tacevo track {place}` writes what is missing"
         )
 
     def _last_line(self) -> str:

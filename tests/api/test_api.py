@@ -354,3 +354,20 @@ def test_verdicts_without_rows_give_their_reason(run: Path) -> None:
         assert reason in known.attrs["left_out"][0]
         assert known.reset_index().shape == (0, len(frames.VERDICTS))
     assert "at least 4 training seeds" in few._repr_html_()
+
+
+def test_study_that_is_refused_is_named_where_its_absence_shows(run: Path, published: Path) -> None:
+    """An empty tuple alone would say that there is none; what is whole is a tuple as any other."""
+    whole = tacevo.open(published / "run", store=published / "cache")
+    assert isinstance(whole, tacevo.Run)
+    assert repr(whole.studies) == repr(tuple(whole.studies))
+    assert "left out" not in repr(whole)
+    (scores,) = run.glob("studies/*/scores.jsonl")
+    scores.write_text("".join(scores.read_text().splitlines(keepends=True)[:-1]))
+    opened = tacevo.open(run, store=published / "cache")
+    assert isinstance(opened, tacevo.Run)
+    assert opened.studies == ()
+    (reason,) = opened.left_out
+    for said in (repr(opened.studies), repr(opened)):
+        assert reason in said
+        assert scores.parent.name in said

@@ -118,6 +118,20 @@ def test_bundle_holds_all_that_was_asked_for(published: Path) -> None:
     assert {"LICENSE.txt", "CITATION.cff", "README.md", "requirements.lock"} <= members.keys()
 
 
+def test_bundle_pins_what_ran_where_no_lock_file_has_it(run: Path, published: Path) -> None:
+    """As from a wheel, beside which no lock file lies, or in another environment; only versions become pins."""
+    told = json.loads((run / "run.json").read_text())
+    told["versions"] |= {"numpy": "9.9.9", "torch": "8.8+cu118", "scipy": "1.0\nevil==1.0", "mlflow": "absent"}
+    (run / "run.json").write_text(json.dumps(told))
+    assert main(["publish", str(run), "-o", "other.zip", "--store", str(published / "cache")]) == 0
+    members = members_of(Path("other.zip"))
+    pins = members["requirements.lock"].decode().splitlines()
+    assert {"numpy==9.9.9", "torch==8.8"} <= {*pins}
+    assert not [pin for pin in pins if "scipy" in pin or "evil" in pin or "mlflow" in pin or "tacevo==" in pin]
+    assert "requirements.lock pins every package" not in members["README.md"].decode()
+    assert "pins every package" in members_of(published / "run.zip")["README.md"].decode()
+
+
 def test_manifest_is_what_sha256sum_reads(published: Path, tmp_path: Path) -> None:
     """Every other member stands in it; its own digest is printed."""
     with zipfile.ZipFile(published / "run.zip") as archive:

@@ -16,7 +16,7 @@ from tacevo.cli.app import main
 from tacevo.cli.tables import print_table, say
 from tacevo.errors import TacevoError
 from tacevo.runs.progress import Progress
-from tacevo.text import printable
+from tacevo.text import printable, unbroken
 
 
 @pytest.mark.parametrize(
@@ -50,6 +50,13 @@ def test_text_begins_no_line_of_the_output(capsys: pytest.CaptureFixture[str]) -
     assert len(str(error).splitlines()) == 1
     told = file.getvalue() + capsys.readouterr().err
     assert [line.partition("\\n")[0] for line in told.splitlines()] == ["3.11", "3.11"]
+
+
+@pytest.mark.parametrize("text", ["a\tb", "a\n\tb", "\x1b[2J\t\r\n"])
+def test_errors_and_lines_escape_alike(text: str) -> None:
+    """Tabs, too, which would move what stands behind them: one text is one line, whoever says it."""
+    assert str(TacevoError(text)) == unbroken(text)
+    assert unbroken(text).isprintable()
 
 
 def test_data_of_a_stranger_is_text_on_the_terminal(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,10 +9,12 @@ import tarfile
 import tomllib
 import venv
 import zipfile
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 import yaml
+from bundles import members_of
 from checkout import ROOT
 from smallest import SMALLEST, UNTRACKED
 
@@ -111,6 +113,10 @@ def test_installed_wheel_does_everything_in_any_directory(installed: Path, tmp_p
     tacevo("study", "mine", "elites=1", "seeds=4", "epochs=1")
     tacevo("tables", "mine")
     assert (tmp_path / "mine" / "tables" / "index.md").exists()
+    tacevo("publish", "mine", "-o", "mine.zip")
+    pins = members_of(tmp_path / "mine.zip")["requirements.lock"].decode().splitlines()
+    assert f"numpy=={version('numpy')}" in pins
+    assert f"torch=={version('torch').partition('+')[0]}" in pins
 
     (tmp_path / "conf").rename(elsewhere / "not read")
     digest = said.splitlines()[-1]

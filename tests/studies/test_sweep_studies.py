@@ -130,6 +130,15 @@ def test_jobs_are_tested_on_the_device_that_the_sweep_states(swept: Path, place:
     assert load_sweep(Path("sweep")).untested == ()
 
 
+class StoppedAtJob(Progress):
+    """A user who stops a command before it trains for a job."""
+
+    def say(self, text: str) -> None:
+        """Stop at the first job."""
+        if text.startswith("job "):
+            raise KeyboardInterrupt
+
+
 def test_other_settings_are_refused_once_a_job_was_tested(folder: Path) -> None:
     """Seeds and epochs cannot be chosen by what they give; before there is a score they may still be changed."""
     config = compose_study([*TEST[1:], "epochs=2"])
@@ -139,9 +148,8 @@ def test_other_settings_are_refused_once_a_job_was_tested(folder: Path) -> None:
         study_sweep(Path("sweep"), compose_study([*TEST[1:], "elites=2"]), Progress())
     for path in folder.glob("sweep/*/studies"):
         shutil.rmtree(path)
-    shutil.rmtree(folder / "sweep" / "none-seed0" / "candidates")  # it ends before it trains
-    with refused(RunError, place="job none-seed0"):
-        study_sweep(Path("sweep"), config, Progress())
+    with pytest.raises(KeyboardInterrupt):
+        study_sweep(Path("sweep"), config, StoppedAtJob())
     stated = SweepDirectory(Path("sweep")).read().terms.retraining
     assert stated == Retraining(seeds=2, epochs=2, choose=config.choose)
 
@@ -164,6 +172,29 @@ def test_arms_that_cannot_be_compared_are_refused_before_anything_is_stated(fold
         with refused(ConfigError, place="arms", expected=expected):
             study_sweep(Path("sweep"), compose_study([*TEST[1:], f"arms={arms}"]), Progress())
     assert SweepDirectory(Path("sweep")).read().terms.retraining is None
+
+
+@pytest.mark.parametrize("spoilt", ["source", "ledger", "nothing"])
+def test_study_that_a_run_refuses_states_nothing(folder: Path, spoilt: str) -> None:
+    """Be it the last job whose elite was edited, whose ledger is damaged, or that has no noise run to choose by."""
+    untested(folder)
+    directory = SweepDirectory(Path("sweep"))
+    job = directory.read().jobs[-1]
+    run, place = directory.run(job).path, f"job {job.name}"
+    settings = [*TEST[1:], "elites=9"]
+    if spoilt == "source":
+        for path in (run / "candidates").glob("*.py"):
+            path.write_text("# edited")
+    elif spoilt == "ledger":
+        (run / "prompts.json").write_text("{}")
+    else:
+        settings.append("choose=reestimated")
+        place = f"job {directory.read().jobs[0].name}"
+    before = (folder / "sweep" / "sweep.json").read_bytes()
+    with refused(RunError, place=place):
+        study_sweep(Path("sweep"), compose_study(settings), Progress())
+    assert (folder / "sweep" / "sweep.json").read_bytes() == before
+    assert not files(folder)
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ The mirror works in this process where a test is about what it writes, and as a 
 is about the process. MLflow is imported only when a test runs, because its telemetry stays off then.
 """
 
+import io
 import os
 import re
 import resource
@@ -30,11 +31,17 @@ from mirrored import (
     open_store,
 )
 from refusals import refused
+from rich.console import Console
 from waiting import eventually
 
+from tacevo.choices import Tracking
+from tacevo.config.compose import compose
+from tacevo.config.schema import TrackingConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.evolution.run_files import Line
+from tacevo.runs.progress import Progress
+from tacevo.runs.session import mirrored_together
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.process import Mirror
 
@@ -345,3 +352,33 @@ def test_database_that_another_mirror_has_made_meanwhile_is_kept(tmp_path: Path)
     _create(tmp_path / "mlflow.db")
     assert (tmp_path / "mlflow.db").read_bytes() == b"made"
     assert not part.exists()
+
+
+@pytest.mark.slow
+def test_runs_of_a_sweep_are_mirrored_together_and_waited_for_once(tmp_path: Path, uri: str) -> None:
+    """One process writes all of them, one after the other; one that is damaged keeps no other out, and is told."""
+    told = io.StringIO()
+    view = Progress(Console(file=told, width=300))
+    tracking = TrackingConfig(kind=Tracking.mlflow, uri=uri, experiment="tacevo")
+    config = replace(compose(["experiment=demo", "llm=grammar"]), tracking=tracking)
+    with mirrored_together(view) as later:
+        for name in ("one", "two", "three"):
+            build_run(tmp_path / name, LINES)
+            later.append((config, RunDirectory(tmp_path / name)))
+        (tmp_path / "two" / "ledger.jsonl").write_text("damaged\n")
+    said = told.getvalue()
+    assert said.count("waiting") == 1
+    assert "the runs themselves are not affected" in said or "continues by itself" in said
+    assert eventually(lambda: {"one", "three"} <= _finished(uri), seconds=PATIENCE)
+    assert "two" not in _finished(uri)
+    assert not (tmp_path / "three" / "tracking.log").exists()  # they have one process, hence one log
+
+
+def _finished(uri: str) -> set[str]:
+    """Return the names of the finished runs in a store."""
+    from mlflow import MlflowClient
+
+    client = MlflowClient(uri)
+    experiment = client.get_experiment_by_name("tacevo")
+    runs = [] if experiment is None else client.search_runs([experiment.experiment_id])
+    return {str(run.info.run_name) for run in runs if run.info.status == "FINISHED"}

@@ -15,7 +15,6 @@ from analysis.runs.dynamics import (
     PRODUCTIVITY,
     by_prompt,
     by_temperature,
-    copies,
     improvement,
     progress,
     repeats,
@@ -34,7 +33,9 @@ from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, ReevaluationLine, gate_stages
 from tacevo.records import Reason, Stage
+from tacevo.results.copies import copies
 from tacevo.results.run import RecordedRun
+from tacevo.results.summary import rates_in_words
 from tacevo.storage.run_directory import RunDirectory
 
 CENTROIDS = np.array([[0.25, 0.5], [0.75, 0.5]])
@@ -105,6 +106,7 @@ def test_copy_may_have_other_words_and_another_layout(tmp_path: Path) -> None:
         (tmp_path / "candidates" / f"{name}.py").write_text(edited, encoding="utf-8")
     assert copies(made) == {"g01s00"}
     assert progress(made).unchanged.tolist() == [0, 1]
+    assert any(line.startswith("Unchanged: 1 answer ") for line in rates_in_words(made))
     table = generations_table(made, CENTROIDS)
     assert table.rows[-1][table.columns.index("unchanged")] == 1
 

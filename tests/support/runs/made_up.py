@@ -9,7 +9,8 @@ from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.randomness import stream
 from tacevo.records import Reason, Rejection, Stage, Training
-from tacevo.results.space_table import SpaceTable, TableTraining, write_table
+from tacevo.results.space_table import write_table
+from tacevo.results.table_records import SpaceTable, TableTraining
 from tacevo.studies.tabulate import header_of, members, network_of
 from tacevo.training.full import FullTraining, Kept
 from tacevo.training.metrics import counted_metrics

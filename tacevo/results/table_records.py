@@ -1,0 +1,173 @@
+"""What the table of a space holds: its header, its rows, and both as they are read (`tacevo.results.space_table`)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal
+
+from annotated_types import Ge, MinLen
+
+from tacevo.config.plain import from_plain
+from tacevo.config.schema import RunConfig
+from tacevo.profile import Profile
+from tacevo.records import DataFacts, Record, Rejection, Task
+from tacevo.rules import Rules
+from tacevo.text import counted
+from tacevo.training.full import FullTraining
+from tacevo.typed import FreeJson
+
+HEADER, NETWORKS, TRAININGS, CARD, MANIFEST = (
+    "table.json",
+    "networks.jsonl",
+    "trainings.jsonl",
+    "README.md",
+    "manifest.sha256",
+)
+
+#: What decides the rows, beside the data, the seeds and the rules; as keys of the configuration.
+DECISIVE = (
+    "data.image_size",
+    "gate.max_modules",
+    "gate.max_flops",
+    "gate.max_parameters",
+    "llm.space",
+    "numerics.kind",
+    "task.class_name",
+    "task.kind",
+    "task.loss",
+    "task.output_argument",
+    "task.outputs",
+    "task.target_scaling",
+    "training.batch_size",
+    "training.device",
+    "training.gpu",
+    "training.learning_rate",
+    "training.precision",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header(Record):
+    """What all rows follow from."""
+
+    #: Layout of the file.
+    schema: Literal[1] = 1
+    #: Whether no network was trained: what stands in place of trainings was drawn, to measure the tools by.
+    made_up: bool
+    #: As `tacevo.records.to_json` writes it: the space is `llm.space`, a training is `training`.
+    config: dict[str, FreeJson]
+    task: Task
+    data: DataFacts
+    #: Of the trainings.
+    seeds: Annotated[tuple[int, ...], MinLen(1)]
+    rules: Rules
+    #: Number of the rules of full trainings (`tacevo.rules.STUDY`).
+    study: int
+    #: Of the validation images (`tacevo.training.losses`).
+    trivial: Annotated[float, Ge(0)]
+    versions: dict[str, str]
+    machine: dict[str, FreeJson]
+
+    @property
+    def settings(self) -> RunConfig:
+        """The configuration.
+
+        Raises:
+            ConfigError: this version does not know it.
+        """
+        return from_plain(self.config)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableNetwork(Record):
+    """A network of the table."""
+
+    #: Value of each gene; None of the task's baseline, whose file is not written by the grammar.
+    genome: dict[str, bool | int | float | str] | None
+    source: str
+    #: SHA-256 of the source.
+    sha256: str
+    #: Exactly one of these two is there: what the gate measured, or why it refused the network.
+    profile: Profile | None = None
+    rejection: Rejection | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableTraining(Record):
+    """A network trained with one seed."""
+
+    #: Row of the network, and of the seed in the header; from 0.
+    network: Annotated[int, Ge(0)]
+    seed: Annotated[int, Ge(0)]
+    #: Exactly one of these two is there.
+    full: FullTraining | None = None
+    rejection: Rejection | None = None
+
+    @property
+    def verdict(self) -> FullTraining | Rejection:
+        """What came of it."""
+        verdict = self.full or self.rejection
+        assert verdict is not None  # as reading checks
+        return verdict
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpaceTable:
+    """A table that was read; each network that the gate admitted has a training with each seed."""
+
+    path: Path
+    #: Of the rows and what decides them, so that equal rows are equal data of a search.
+    digest: str
+    header: Header
+    networks: tuple[TableNetwork, ...]
+    #: By network, then by seed.
+    trainings: tuple[TableTraining, ...]
+    #: The text of its README.
+    card: str
+
+    @cached_property
+    def by_source(self) -> Mapping[str, int]:
+        """The row of each source."""
+        return {network.source: row for row, network in enumerate(self.networks)}
+
+    @cached_property
+    def verdicts(self) -> Mapping[tuple[int, int], FullTraining | Rejection]:
+        """What came of each training, by the rows of network and seed."""
+        return {(row.network, row.seed): row.verdict for row in self.trainings}
+
+    @property
+    def name(self) -> str:
+        """What it is of, in a line."""
+        header = self.header
+        what = "MADE UP, not trained: " if header.made_up else ""
+        seeds = counted(len(header.seeds), "seed")
+        return f"{what}{counted(len(self.networks), 'network')} for {header.task.name}, {seeds} each"
+
+    @property
+    def failures(self) -> list[str]:
+        """What was refused by the gate or failed to train, a line each."""
+        refused = [
+            f"network {row}: {network.rejection.reason}"
+            for row, network in enumerate(self.networks)
+            if network.rejection is not None
+        ]
+        failed = [
+            f"network {row.network}, seed {row.seed}: {row.rejection.reason}"
+            for row in self.trainings
+            if row.rejection is not None
+        ]
+        return refused + failed
+
+    @property
+    def failed(self) -> str:
+        """How many networks the gate refused and how many trainings failed, in a line; none, too, is said."""
+        refused = sum(network.rejection is not None for network in self.networks)
+        failed = sum(row.rejection is not None for row in self.trainings)
+        return f"the gate refused {counted(refused, 'network')}, and {counted(failed, 'training')} failed"
+
+
+def value_of(config: RunConfig, key: str) -> object:
+    """Return the value of one of `DECISIVE`."""
+    group, _, name = key.partition(".")
+    return getattr(getattr(config, group), name)
