@@ -397,6 +397,8 @@ class Training(Record):
     #: Whether its steps were recorded once and replayed, where that was asked for; None elsewhere.
     captured: bool | None = None
 
+    LATER: ClassVar[frozenset[str]] = frozenset({"captured"})
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataFacts(Record):

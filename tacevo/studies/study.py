@@ -170,10 +170,9 @@ def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLate
     """
     run = read_run(Path(config.run or ""), config.store.root)
     elites = None if isinstance(config.elites, str) else config.elites
-    here = with_table(run.config, run.record.data.fingerprint, run.path)
     plan = _plan(
         run,
-        replace(here, executor=config.executor),
+        replace(run.config, executor=config.executor),
         elites=elites,
         seeds=config.seeds,
         terms=None,
@@ -192,7 +191,8 @@ def _carry_out(
     mirror_later: MirrorLater | None = None,
 ) -> Studied:
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
-    run = replace(plan.config, data=elsewhere or plan.run.with_data.data)
+    here = with_table(plan.run.with_data, plan.run.record.data.fingerprint, plan.run.path)
+    run = replace(plan.config, data=elsewhere or here.data)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
     is_looked_up = run.data.source is DataSource.table and plan.header.terms is None
     source = None if is_looked_up else source_of(run)

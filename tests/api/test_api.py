@@ -14,6 +14,7 @@ import pytest
 from checkout import ROOT
 from pandas.testing import assert_frame_equal
 from refusals import refused
+from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
 
 import tacevo
 from analysis.runs.pareto import PARETO
@@ -342,8 +343,9 @@ def test_notebooks_see_tables(opened: tacevo.Run, swept: Path) -> None:
         assert "<script" not in text
 
 
-def test_verdicts_without_rows_give_their_reason(run: Path) -> None:
+def test_verdicts_without_rows_give_their_reason(place: Path) -> None:
     """Too few seeds, a noise run; what is made of such a frame is a frame as any other, and its columns are there."""
+    assert main(["search", *SMALLEST, UNTRACKED, *PUBLISHED_SIZES, "run.dir=run"]) == 0
     few = tacevo.study("run", elites=1, seeds=2, epochs=1, quiet=True)
     noise = tacevo.noise("run", elites=1, seeds=2, quiet=True)
     for study, reason in ((few, "at least 4 training seeds"), (noise, "a noise run")):
