@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# All that has to be seen on a GPU, in one call of at most nine minutes; results go into files of the directory OUT.
+# All that has to be seen on a GPU, in one call of at most ten minutes; results go into files of the directory OUT.
 #
 #     benchmarks/on_a_gpu.sh OUT [PYTHON]
 #
@@ -34,8 +34,8 @@ gpu=(training.device=cuda "training.gpu=$model" numerics=fast sandbox.require=no
 small=(experiment=paper_force llm=grammar data.images=600 search.generations=3 search.candidates=18 search.initial=6
     training.precision=tf32 training.epochs=3 executor.workers=4 executor.per_gpu=4 "store.root=$work/cache")
 
-part tests 150 "$python" -m pytest -q -p no:cacheprovider -p no:benchmark -m gpu tests
-part bench 160 "$python" -m benchmarks.gpu
+part tests 140 "$python" -m pytest -q -p no:cacheprovider -p no:benchmark -m gpu tests
+part bench 140 "$python" -m benchmarks.gpu
 part search 100 "$python" -m tacevo search "${small[@]}" "${gpu[@]}" "run.dir=$work/run"
 part retrain 60 "$python" -m tacevo replay "$work/run" --retrain 5
 part study 60 "$python" -m tacevo study "$work/run" elites=2 seeds=2 epochs=5

@@ -16,6 +16,8 @@ from tacevo.sandbox.module_parts import attributes, parameters
 
 #: Where the classes of objects are from that are walked; a class of the candidate is from the module of its text.
 _WALKED = frozenset({NAME, "builtins", "collections", "functools", "itertools"})
+#: Where classes are from whose objects say their true size.
+_BUILT_IN = frozenset({"builtins", "collections"})
 #: Values that cannot change; another one takes the place of each.
 _PLAIN = (bool, int, float, complex, str, bytes, type(None))
 
@@ -38,6 +40,17 @@ def plain_values(network: nn.Module) -> Counter[tuple[type, object]]:
     return Counter(
         (type(thing), repr(thing)) for holder in _walked(network) for thing in _held(holder) if type(thing) in _PLAIN
     )
+
+
+def kept(network: nn.Module) -> tuple[list[Tensor], Counter[tuple[str, int]]]:
+    """List every tensor that a network or its text can reach but its parameters, and count containers by kind and size.
+
+    As long as the list lives, no later tensor has the identity of one in it.
+    """
+    things: list[Any] = list(_walked(network))
+    tensors = [thing for thing in things if type(thing) in (Tensor, nn.Parameter)]
+    sized = (thing for thing in things if type(thing).__module__ in _BUILT_IN and hasattr(type(thing), "__len__"))
+    return tensors, Counter((type(thing).__name__, len(thing)) for thing in sized)
 
 
 def _walked(network: nn.Module) -> Iterator[object]:

@@ -16,6 +16,7 @@ _FLAGS = 6  # where the flags stand in /proc/<pid>/stat, counted from behind the
 _TIMES = slice(11, 15)  # where the times of itself and its children stand there: in user and in system mode
 _PAUSE = 0.001  # seconds between two looks at a dying tree
 _LAST_DESCRIPTOR = 2**31 - 1
+_IN_MEMORY = frozenset({"tmpfs", "ramfs"})
 
 
 def children(pid: int) -> list[int]:
@@ -57,6 +58,14 @@ def memory(pid: int, mapped_mib: float = 0.0) -> Memory:
         of_files=_mib(fields, "RssFile") + of_files,
         peak=_mib(fields, "VmHWM"),
     )
+
+
+def lies_in_memory(path: str) -> bool:
+    """Return whether a file lies in a file system that has no disk."""
+    device = os.stat(path).st_dev
+    mounts = [line.partition(" - ") for line in _read(Path("/proc/self/mountinfo")).splitlines()]
+    kinds = {rest.split()[0] for head, _, rest in mounts if head.split()[2] == f"{os.major(device)}:{os.minor(device)}"}
+    return not kinds.isdisjoint(_IN_MEMORY)
 
 
 def cpu_seconds(pid: int) -> float:

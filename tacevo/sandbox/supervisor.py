@@ -18,7 +18,7 @@ from dataclasses import replace
 from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox import child
 from tacevo.sandbox.kernel import become_subreaper
-from tacevo.sandbox.processes import cpu_seconds, descendants, end_own_descendants, is_ending, memory
+from tacevo.sandbox.processes import cpu_seconds, descendants, end_own_descendants, is_ending, lies_in_memory, memory
 from tacevo.sandbox.protocol import CHILD, Bounds, Channel, Message, Sort, Splitter, TooMuchError, describe, one_line
 
 _TICK = 0.025  # seconds between two checks of time and memory
@@ -79,7 +79,7 @@ def _serve(
         prepared=job["prepared"],
         equips=equip is not None,
         told=told,
-        mapped_mib=sum(array.nbytes for array in arrays.values()) / 2**20,
+        mapped_mib=sum(array.nbytes for array in arrays.values() if lies_in_memory(array.filename)) / 2**20,
     )
     verdict = watch.until_the_end()
     # Measured here, where the candidate cannot reach. What is reaped already counts as this process's children.
@@ -92,7 +92,7 @@ class _Watch:
     """What a supervisor knows of its candidate: a child, and the end of its result pipe, which must not block.
 
     When the channel to the search closes, the search no longer waits. `told` and `prepared` are as in `child.run`,
-    `mapped_mib` is what the arrays take. Where the child `equips` itself first, that has the limits too; the
+    `mapped_mib` is what those arrays take that lie in memory. Where the child `equips` itself first, that has the limits too; the
     candidate's time begins afterwards, and the search is told so.
     """
 

@@ -4,10 +4,12 @@ Run eagerly, a step is some hundred kernels that Python starts one by one, and t
 holds the kernels of one step: take a batch, standardise, forward, loss, backward, Adam, write the loss into a buffer.
 The losses of an epoch are read once, in its end.
 
-A replay repeats kernels and runs no Python. So only a network is captured whose step is the same each time: it waits
-for nothing that the device computed, as a branch by data does; it draws no number on the processor; and it changes no
-number, text or flag of its own, as a count of calls does. A second network of the same source tries that before the
-first step. Any other network trains eagerly, which follows from its source, never from a clock.
+A replay repeats kernels, in the memory that they were recorded with, and runs no Python. So only a network is captured
+whose step is the same each time: it waits for nothing that the device computed, as a branch by data does; it draws no
+number on the processor; it puts no other tensor in the place of one that it keeps (one that is changed in place stays);
+and no number, text, flag or size of a list of its own changes, as a count of calls does. A second network of the same
+source tries that before the first step. Any other network trains eagerly. That follows from its source, and from the
+memory that the recipe gives it, never from a clock.
 """
 
 import math
@@ -23,15 +25,16 @@ from torch import Tensor, nn
 
 from tacevo.records import Reason
 from tacevo.sandbox.guards import CandidateError
-from tacevo.sandbox.outside import plain_values
+from tacevo.sandbox.module_parts import bits, equal
+from tacevo.sandbox.outside import kept, plain_values
 
 #: Takes a step on the batch of these places among the training images, int64 of shape (n,), and returns its loss.
 Step = Callable[[Tensor], Tensor]
 #: Records the kernels of what it is given, and returns what runs them again. Nothing is computed by it.
 Capture = Callable[[Callable[[], None]], Callable[[], None]]
 
-#: Steps that the second network takes: kernels are chosen, libraries started, and what changes shows itself.
-_TRIED = 3
+#: Steps that the second network takes after its first: libraries are started, and what changes shows itself.
+_TRIED = 2
 
 
 def capture(step: Callable[[], None]) -> Callable[[], None]:
@@ -42,20 +45,41 @@ def capture(step: Callable[[], None]) -> Callable[[], None]:
     """
     graph = torch.cuda.CUDAGraph()
     torch.cuda.synchronize()
-    with torch.cuda.graph(graph):
+    # Where recording fails, torch does not leave the stream that it recorded in.
+    with torch.cuda.stream(torch.cuda.current_stream()), torch.cuda.graph(graph):
         step()
     return graph.replay
 
 
 def repeats_itself(network: nn.Module, step: Step, batch: NDArray[np.int64], device: torch.device) -> bool:
-    """Return whether a network's steps are the same each time, as far as a few of them show; they train it."""
+    """Return whether a network's steps are the same each time, as far as a few of them show; they train it.
+
+    Raises:
+        RuntimeError: on a GPU, a step waited for the device.
+    """
     positions = torch.from_numpy(batch).to(device)
-    before, drawn = plain_values(network), torch.get_rng_state()
     with _beside(device):
-        for _ in range(_TRIED):
-            step(positions)
+        step(positions)  # its first step may make what it keeps from then on
+        plain, drawn = plain_values(network), torch.get_rng_state()
+        tensors, sizes = kept(network)
+        here = [bits(tensor).clone() for tensor in _on_another(tensors, device)]
+        with _refusing_to_wait(device):
+            for _ in range(_TRIED):
+                step(positions)
+        after, sizes_after = kept(network)
     is_drawn = device.type != "cpu" and not torch.equal(torch.get_rng_state(), drawn)
-    return plain_values(network) == before and not is_drawn
+    return (
+        plain_values(network) == plain
+        and not is_drawn
+        and {*map(id, after)} == {*map(id, tensors)}
+        and sizes_after == sizes
+        and all(map(equal, map(bits, _on_another(after, device)), here))
+    )
+
+
+def _on_another(tensors: Sequence[Tensor], device: torch.device) -> list[Tensor]:
+    """Return the tensors on another device than the network's: what they hold is recorded once for all."""
+    return [tensor for tensor in tensors if tensor.device.type != device.type]
 
 
 @contextmanager
@@ -67,6 +91,19 @@ def _beside(device: torch.device) -> Iterator[None]:
     with torch.cuda.stream(torch.cuda.Stream()):  # type: ignore[no-untyped-call]
         yield
     torch.cuda.synchronize()
+
+
+@contextmanager
+def _refusing_to_wait(device: torch.device) -> Iterator[None]:
+    """Have an error where the processor waits for a GPU, before any recording begins, which it would leave broken."""
+    if device.type == "cpu":
+        yield
+        return
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        yield
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

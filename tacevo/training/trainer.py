@@ -45,7 +45,7 @@ _ROUNDING = 1e-4
 
 
 _LAYOUTS = {Layout.contiguous: torch.contiguous_format, Layout.channels_last: torch.channels_last}
-#: Of a batch in training: so many images are predicted at once where steps are captured. No gradient is kept then.
+#: Of a batch in training: so many images are predicted at once where capturing is asked for. No gradient is kept then.
 _PREDICTED_AT_ONCE = 4
 
 
@@ -228,7 +228,8 @@ def _train(job: _Job, send: Send) -> nn.Module:
     model, learner = _made(job)
     kept: dict[str, torch.Tensor] = {}
     with noting_nondeterminism(job.device) as noted:
-        captured = None if job.capture is None else _captured(job, model, learner, job.capture)
+        with blaming(Reason.crashed):
+            captured = None if job.capture is None else _captured(job, model, learner, job.capture)
         if job.capture is not None and captured is None:
             model, learner = _made(job)  # as if nothing had been tried
         for epoch in range(job.recipe.epochs):
@@ -269,7 +270,10 @@ def _made(job: _Job) -> tuple[nn.Module, _Learner]:
 def _captured(job: _Job, model: nn.Module, learner: _Learner, capture: Capture) -> CapturedSteps | None:
     """Record the step of a network that is to be trained; None where its steps are to run eagerly.
 
-    Whatever fails here, the training shows again, or does without.
+    Whatever fails here, the training shows again, or does without; but memory, of which recording needs more.
+
+    Raises:
+        torch.OutOfMemoryError: the recipe's do not suffice.
     """
     first = batches(len(job.train), job.recipe.batch_size, job.seed, 0)
     places = job.images.places(job.train)
@@ -295,6 +299,8 @@ def _captured(job: _Job, model: nn.Module, learner: _Learner, capture: Capture) 
         learner.begin()
         switch(model, training=True)
         captured = CapturedSteps.of(first, job.device, step_of(model, learner), capture)
+    except torch.OutOfMemoryError:
+        raise
     except Exception:
         return None
     torch.manual_seed(derived_seed(job.seed, "captured"))  # a graph counts the numbers that it draws in its own way
@@ -354,7 +360,7 @@ def _loss(job: _Job, output: torch.Tensor, targets: torch.Tensor) -> torch.Tenso
 def _predict(job: _Job, model: nn.Module, groups: tuple[NDArray[np.int64], ...]) -> bytes:
     """Predict the images of some groups; return float32 of shape (n, K).
 
-    Batches are of the training's size, or larger where steps are captured. Each output is copied at once: it may be
+    Batches are of the training's size, or larger where capturing is asked for. Each output is copied at once: it may be
     memory that the network writes to again.
     """
     switch(model, training=False)

@@ -1,7 +1,7 @@
 """Promise: a step that is recorded once and replayed trains as one that runs each time, or is not recorded.
 
-Most of it needs no GPU: what stands for a graph runs the recorded step again, with the memory that it was recorded
-with. `make test-gpu` runs the rest, by CUDA's graphs.
+Most of it needs no GPU: what stands for a graph records the kernels of a step, and runs them again in the memory that
+they had, without any Python of the candidate. `make test-gpu` runs the rest, by CUDA's graphs.
 """
 
 import os
@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 import torch
 from gpus import needs_gpu
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
 from training_jobs import RECIPE, SOURCE, Data, examples, header_of, payload_of
 
 from tacevo.choices import Layout, Precision
@@ -26,25 +28,79 @@ GPU = Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=4096, cap
 #: Without a dropout, whose numbers a recorded step draws in another order.
 PLAIN = SOURCE.replace("nn.Dropout(0.1)", "nn.BatchNorm1d(32)")
 
+BODY = "return self.head(self.body(x))"
+
+#: A count that is changed in place, in the memory that a recorded step has.
+IN_PLACE = PLAIN.replace(
+    "super().__init__()", "super().__init__()\n        self.register_buffer('n', torch.ones(()))"
+).replace(BODY, "if self.training:\n            self.n += 1\n        return self.head(self.body(x)) / self.n")
+
 pytestmark = pytest.mark.usefixtures("torch_settings")
 
 
+class Kernels(TorchDispatchMode):
+    """Notes the kernels that run within, and what the memory held that they were given."""
+
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._calls: list[tuple[Any, Any, Any, list[torch.Tensor], set[int]]] = []
+        #: By address: memory that was there before, and what it held.
+        self._before: dict[int, tuple[Any, Any]] = {}
+        self._own: set[int] = set()
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = kwargs or {}
+        given = {memory._cdata: memory for memory in map(torch.Tensor.untyped_storage, _tensors((args, kwargs)))}
+        for place, memory in given.items():
+            if place not in self._own:
+                self._before.setdefault(place, (memory, _copied(memory)))
+        output = func(*args, **kwargs)
+        self._own |= {tensor.untyped_storage()._cdata for tensor in _tensors(output)} - self._before.keys()
+        self._calls.append((func, args, kwargs, _tensors(output), set(given)))
+        return output
+
+    def undo(self) -> None:
+        """Give the memory that was there before what it held."""
+        for memory, held in self._before.values():
+            memory.copy_(held)
+
+    def replay(self) -> None:
+        """Run the kernels again; what they make goes where it went."""
+        with torch.no_grad():
+            for func, args, kwargs, outputs, given in self._calls:
+                for place, made in zip(outputs, _tensors(func(*args, **kwargs)), strict=True):
+                    if place.untyped_storage()._cdata not in given:
+                        place.detach().copy_(made)
+
+
+def _copied(memory: Any) -> Any:
+    return memory.clone()
+
+
+def _tensors(value: Any) -> list[torch.Tensor]:
+    return [leaf for leaf in tree_leaves(value) if isinstance(leaf, torch.Tensor)]
+
+
 class Graphs:
-    """Records steps by keeping them; counts how often each was replayed."""
+    """Records steps, and counts how often each was replayed."""
 
     def __init__(self, error: Exception | None = None) -> None:
         self.recorded = self.replayed = 0
         self._error = error
 
     def capture(self, step: Callable[[], None]) -> Callable[[], None]:
-        """Return what runs the step; recording computes nothing."""
+        """Return what runs the step's kernels; recording leaves nothing behind."""
         self.recorded += 1
         if self._error is not None:
             raise self._error
+        kernels = Kernels()
+        with kernels:
+            step()
+        kernels.undo()
 
         def replay() -> None:
             self.replayed += 1
-            step()
+            kernels.replay()
 
         return replay
 
@@ -60,10 +116,11 @@ def train(source: str, graphs: Graphs | None, data: Data = DATA, **changes: Any)
     return frames
 
 
-def test_recorded_steps_train_as_others_do() -> None:
+@pytest.mark.parametrize("source", [PLAIN, IN_PLACE], ids=["plain", "count in place"])
+def test_recorded_steps_train_as_others_do(source: str) -> None:
     """Losses, statistics of normalisations and weights have equal bits; predictions differ by their larger batches."""
     graphs = Graphs()
-    recorded, plain = train(PLAIN, graphs), train(PLAIN, None)
+    recorded, plain = train(source, graphs), train(source, None)
     assert recorded[-1][0] == {**plain[-1][0], "captured": True}
     assert [head for head, _ in recorded[:-1]] == [head for head, _ in plain[:-1]]
     for (_, got), (_, expected) in zip(recorded[:-1], plain[:-1], strict=True):
@@ -79,13 +136,16 @@ def test_dropout_of_recorded_steps_follows_the_seed() -> None:
     assert first[-1][0]["weights_sha256"] != train(SOURCE, None)[-1][0]["weights_sha256"]
 
 
-BODY = "return self.head(self.body(x))"
-
-EAGER = {
-    "count of calls": "self.calls = getattr(self, 'calls', 0) + 1\n        return self.head(self.body(x)) / self.calls",
-    "list that grows": "self.seen = [*getattr(self, 'seen', []), 1]\n        return self.head(self.body(x))",
-    "count of the class": "Net.calls = getattr(Net, 'calls', 0) + 1\n        return self.head(self.body(x))",
+#: What a network keeps from step to step by Python alone, or in another tensor each time; then what it returns.
+KEPT = {
+    "count of calls": ("self.kept = getattr(self, 'kept', 0) + 1", "/ self.kept"),
+    "list that grows": ("self.kept = [*getattr(self, 'kept', []), 1]", "/ len(self.kept)"),
+    "list of tensors": ("self.kept = [*getattr(self, 'kept', []), x.detach()]", "/ len(self.kept)"),
+    "tensor made anew": ("self.kept = getattr(self, 'kept', torch.zeros(())) + 1", "/ self.kept"),
+    "average made anew": ("self.kept = 0.9 * getattr(self, 'kept', 1) + 0.1 * x.detach().mean()", "/ (2 + self.kept)"),
+    "count of the class": ("Net.kept = getattr(Net, 'kept', 0) + 1", "/ Net.kept"),
 }
+EAGER = {name: f"{first}\n        {BODY} {last}" for name, (first, last) in KEPT.items()}
 
 
 @pytest.mark.parametrize("body", EAGER.values(), ids=EAGER)
@@ -160,6 +220,8 @@ def test_gpu_records_and_repeats(precision: Precision, layout: Layout, monkeypat
 
 #: Steps that a graph cannot hold, or that it would repeat although they differ.
 UNREPEATABLE = {
+    "branch by data behind a dropout": "y = F.dropout(self.body(x), 0.1, self.training)\n        "
+    "return self.head(y if y.sum() > 0 else -y)",
     "branch by data": "y = self.body(x)\n        return self.head(y if y.sum() > 0 else -y)",
     "number read": "y = self.body(x)\n        return self.head(y * (1 + 0 * y.detach().mean().item()))",
     "draw on the processor": "return self.head(self.body(x)) + (0 * torch.rand(1).to(x) if self.training else 0)",
