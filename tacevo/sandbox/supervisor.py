@@ -92,8 +92,8 @@ class _Watch:
     """What a supervisor knows of its candidate: a child, and the end of its result pipe, which must not block.
 
     When the channel to the search closes, the search no longer waits. `told` and `prepared` are as in `child.run`,
-    `mapped_mib` is what those arrays take that lie in memory. Where the child `equips` itself first, that has the limits too; the
-    candidate's time begins afterwards, and the search is told so.
+    `mapped_mib` is what those arrays take that lie in memory. Where the child `equips` itself first, that has the
+    limits too; the candidate's time begins afterwards, and the search is told so.
     """
 
     def __init__(
