@@ -68,8 +68,8 @@ def add_doctor(parser: Parser) -> None:
     """Describe `tacevo doctor`."""
     parser.description = (
         "Check what a run needs of this machine: packages, sandbox, directory, and the bits of portable numerics, "
-        "which are computed and compared with the recorded ones. The exit status is 1 where a check fails, bits "
-        "differ or cannot be computed."
+        "which are computed and compared with the recorded ones. The exit status is 1 where a check fails, or "
+        "bits differ or cannot be computed."
     )
     parser.add_argument(
         "--report", metavar="FILE", help="write what this CPU computes to FILE (JSON), to be sent to the project"
