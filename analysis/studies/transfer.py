@@ -73,7 +73,8 @@ def sensor_groups(studies: Iterable[RecordedStudy], own: DataConfig) -> tuple[tu
     """Find the studies of a run that differ in their sensors only, whatever the protocol: one of each pair.
 
     `own` are the settings of data of the run, which its studies have unless they say otherwise. A group has several
-    pairs of what is trained on and what is tested.
+    pairs of what is trained on and what is tested, and one at least that differ: of sensors within themselves alone
+    there is no matrix, and the table of transfer says all.
     """
     groups: dict[str, dict[tuple[str, str], OnSensors]] = {}
     for study in studies:
@@ -82,7 +83,11 @@ def sensor_groups(studies: Iterable[RecordedStudy], own: DataConfig) -> tuple[tu
         trained, tested = _in_words(str(settings["sensor"]), settings["test_sensor"], settings["shots"])
         key = content_hash([_shared(study), rest])
         groups.setdefault(key, {}).setdefault((trained, tested), OnSensors(study=study, trained=trained, tested=tested))
-    return tuple(tuple(group.values()) for group in groups.values() if len(group) > 1)
+    return tuple(
+        tuple(group.values())
+        for group in groups.values()
+        if len(group) > 1 and any(trained != tested for trained, tested in group)
+    )
 
 
 def _in_words(sensor: str, test_sensor: object, shots: object) -> tuple[str, str]:

@@ -118,9 +118,11 @@ class Run:
 
         Raises:
             ConfigError: fewer than two objectives, or not such ones.
-            RunError: a study or a noise run trained candidates again, and the stores do not have these trainings.
+            RunError: `fitness` is among the objectives, a study or a noise run trained candidates again, and the stores
+                do not have these trainings.
         """
-        check_read(self.collection.unread.values())
+        if any(isinstance(one, str) and one == "fitness" for one in objectives):
+            check_read(self.collection.unread.values())
         known = beside_costs(self.recorded, losses_by_source(self.collection.reestimates))
         return on_front(*_with_objectives(known, objectives))
 

@@ -6,6 +6,7 @@ What does the work takes seconds to import, so it is imported when the arguments
 import argparse
 import contextlib
 import importlib
+import shlex
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -264,7 +265,8 @@ def add_replay(parser: Parser) -> None:
         help="with --retrain of searches that looked evaluations up: the table (default: that of their digest, where "
         "it was, beside RUN, or in cache/tables)",
     )
-    parser.add_argument("--diff", help=argparse.SUPPRESS)  # for one release, to name what took its place
+    # For one release, to name what took its place.
+    parser.add_argument("--diff", nargs="?", const="OTHER", help=argparse.SUPPRESS)
     parser.set_defaults(command=_later("reproduce", "replay", _check_replay))
 
 
@@ -274,8 +276,11 @@ def _check_replay(options: argparse.Namespace) -> None:
     if options.table is not None and options.retrain is None:
         options.parser.error("--table names the table that --retrain looks searches up in; give both")
     if options.diff is not None:
-        there = f"{options.diff}/ledger.jsonl"
-        options.parser.error(f"--diff is gone: `diff {options.run}/ledger.jsonl {there}` shows where two runs part")
+        runs = [Path(name) for name in (options.run, options.diff)]
+        is_packed = any(place.is_file() for run in runs for place in (run, *run.parents))
+        command = shlex.join(["cmp", *(str(run / "ledger.jsonl") for run in runs)])
+        first = "unzip bundles first; then " if is_packed else ""
+        options.parser.error(f"--diff is gone: {first}`{command}` names the first line in which two runs differ")
 
 
 def add_extend(parser: Parser) -> None:
@@ -315,7 +320,8 @@ def add_export(parser: Parser) -> None:
         action="store_true",
         help="fail where a training is not recorded, or goes otherwise than recorded",
     )
-    parser.add_argument("--register", help=argparse.SUPPRESS)  # for one release, to name what took its place
+    # For one release, to name what took its place.
+    parser.add_argument("--register", nargs="?", const="NAME", help=argparse.SUPPRESS)
     parser.set_defaults(
         command=_later("export", "export", _check_export), interrupted="the directory is whole or absent"
     )

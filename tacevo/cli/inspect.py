@@ -68,8 +68,8 @@ def add_doctor(parser: Parser) -> None:
     """Describe `tacevo doctor`."""
     parser.description = (
         "Check what a run needs of this machine: packages, sandbox, directory, and the bits of portable numerics, "
-        "which are computed and compared with the recorded ones. The exit status is 1 where a check fails or bits "
-        "differ."
+        "which are computed and compared with the recorded ones. The exit status is 1 where a check fails, or "
+        "bits differ or cannot be computed."
     )
     parser.add_argument(
         "--report", metavar="FILE", help="write what this CPU computes to FILE (JSON), to be sent to the project"
@@ -109,11 +109,12 @@ def examine() -> tuple[str, bool, Sequence[bits.Compared]]:
         ("versions", [f"{key}: {value}" for key, value in versions().items()]),
         ("confinement", [f"{key}: {value}" for key, value in confinement.items()]),
         ("keys", [f"ANTHROPIC_API_KEY: {'set' if os.environ.get('ANTHROPIC_API_KEY') else 'not set'}"]),
-        ("bits", [f"{each.level}: {each}" for each in compared]),
+        ("bits", [f"{each.level}: {each}" + (f": {each.last_line}" if each.last_line else "") for each in compared]),
         ("checks", [f"{'ok  ' if good else 'FAIL'} {name}: {text}" for name, (good, text) in results.items()]),
     ]
     text = "\n".join("\n".join([f"{title}:", *(f"  {line}" for line in lines)]) for title, lines in sections)
-    return text, all(good for good, _ in results.values()) and not any(each.differing for each in compared), compared
+    is_sound = all(good for good, _ in results.values()) and all(each.is_sound for each in compared)
+    return text, is_sound, compared
 
 
 def _tried(check: Callable[[], str]) -> tuple[bool, str]:

@@ -111,7 +111,8 @@ def _each_data(overrides: Sequence[str]) -> list[list[str]]:
     each = [list(words) for words in product(*spread(several))]
     first = each[0]
     named = dict(word.split("=", 1) for word in first)
-    if named.get("data.test_sensor") == named.get("data.sensor"):  # which is within that sensor, as of `_within`
+    tested = named.get("data.test_sensor")
+    if tested is not None and tested == named.get("data.sensor"):  # which is within that sensor, as of `_within`
         first = [word for word in first if not word.startswith(_ACROSS)]
     usual = [word for word in overrides if word not in several]
     return [[*usual, *first], *([word for word in words if word not in first] for words in each[1:])]

@@ -148,7 +148,7 @@ def _chosen(asked: Sensors, named: Named) -> list[str]:
         return [""]
     known = sorted(set(named.sensors))
     expected = f"sensors that {asked.sensor_column} names, joined by {AND}: {listed(known)}; or {ALL_SENSORS} for all"
-    wanted = known if asked.sensor == ALL_SENSORS else asked.sensor.split(AND)
+    wanted = known if asked.sensor == ALL_SENSORS else _names(asked.sensor, known)
     unknown = [name for name in wanted if name not in known]
     if unknown or len(set(wanted)) < len(wanted):
         got = listed([name or repr(name) for name in unknown]) if unknown else asked.sensor
@@ -163,6 +163,15 @@ def _chosen(asked: Sensors, named: Named) -> list[str]:
         expected = f"another sensor than data.sensor={asked.sensor}, or null"
         raise DataError(asked.test_sensor, place="data.test_sensor", expected=expected)
     return train
+
+
+def _names(text: str, known: Sequence[str]) -> list[str]:
+    """Take names apart that are joined by `+`; a known one that holds it stays whole, the longest first."""
+    if text in known:
+        return [text]
+    whole = [name for name in known if text.startswith(name + AND)]
+    name = max(whole, key=len) if whole else text.partition(AND)[0]
+    return [name, *_names(text[len(name) + 1 :], known)] if text != name else [text]
 
 
 def _recorded_parts(asked: Sensors, named: Named) -> npt.NDArray[np.object_]:

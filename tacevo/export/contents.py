@@ -103,12 +103,12 @@ class Exported:
     def metrics(self) -> Mapping[str, tuple[float, float, float]]:
         """Test metrics by name: the value, and an interval over resampled test images, or groups of them if known."""
         predictions, labels = self._predictions(), self.data.targets[self.data.test]
-        group_of = np.array(self.data.facts.groups or range(len(labels)))
-        members = [np.flatnonzero(group_of == group) for group in range(group_of.max() + 1)]
-        draws, count = stream(0, "export"), len(members)
+        group_of, draws = np.array(self.data.facts.groups), stream(0, "export")
+        members = [np.flatnonzero(group_of == group) for group in range(max(self.data.facts.groups, default=-1) + 1)]
+        count = len(members) or len(labels)
         value = self._score(predictions, labels)
-        groups = (draws.integers(count, size=count) for _ in range(_RESAMPLES))
-        rows = (np.concatenate([members[group] for group in each]) for each in groups)
+        units = (draws.integers(count, size=count) for _ in range(_RESAMPLES))
+        rows = (np.concatenate([members[group] for group in each]) for each in units) if members else units
         drawn = [self._score(predictions[row], labels[row]) for row in rows]
         tail = (1 - _LEVEL) / 2
         ends = {name: np.quantile([one[name] for one in drawn], [tail, 1 - tail]) for name in value}

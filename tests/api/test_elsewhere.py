@@ -73,6 +73,7 @@ def test_missing_stores_are_told_by_every_object_that_needs_them(sibling: Path) 
     assert "no re-estimates" in repr(study)
     with pytest.raises(RunError, match="expected the trainings of the study"):
         run.pareto()
+    assert "re-estimated" not in set(run.pareto(["parameters", "flops"]).estimate)  # which needs no re-estimate
     with pytest.raises(RunError, match="expected the trainings of the study"):
         assert study.reestimates is not None
     assert not {"pareto", "improvement"} & set(run.tables)

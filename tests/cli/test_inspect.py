@@ -11,6 +11,7 @@ from gate_cases import VALID, fenced
 from ledger_lines import candidate, ended, header, rejected, run_record, trained
 from refusals import refused
 
+from tacevo.choices import Numerics
 from tacevo.cli.app import main
 from tacevo.cli.inspect import _sandbox
 from tacevo.cli.show import show_run
@@ -18,6 +19,7 @@ from tacevo.config.conf_folder import conf_root
 from tacevo.errors import RunError, SandboxError
 from tacevo.evolution.lines import ReevaluationLine, RepairedAnswer
 from tacevo.records import Given, Operator, Reason, Stage, to_json
+from tacevo.reproduce.bits.compare import Compared
 from tacevo.runs.answers import task_without_data
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.run_directory import RunDirectory
@@ -157,6 +159,21 @@ def test_doctor_names_a_directory_that_cannot_be_written(place: Path, capsys: py
     assert "ok   configs" in told
     for level, compared in json.loads(report.read_text())["levels"].items():
         assert f"  {level}: {compared['says']}\n" in told
+
+
+def test_doctor_fails_where_bits_cannot_be_computed(
+    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All else is well; the screen shows what the process said, and the file that is sent shows its status alone."""
+    died = Compared(level=Numerics.portable, digests={}, status=-4, last_line="lost in /home/someone")
+    monkeypatch.setattr("tacevo.reproduce.bits.compare.compare", lambda: [died])
+    assert main(["doctor", "--report", "report.json"]) == 1
+    told = capsys.readouterr().out
+    assert "FAIL" not in told
+    assert "status -4: lost in /home/someone" in told
+    text = (place / "report.json").read_text()
+    assert "status -4" in text
+    assert "someone" not in text
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ comparisons with recorded bits. No emulator has AVX-512, so these are all that t
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -26,7 +27,7 @@ from tacevo.gate.kernels import KernelWatcher
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import rejection_of
-from tacevo.reproduce.bits.compare import LEVELS, compare, recorded, report
+from tacevo.reproduce.bits.compare import LEVELS, _cache, compare, recorded, report
 from tacevo.reproduce.bits.expressions import expressions, names
 from tacevo.reproduce.bits.networks import SOURCES, candidates
 from tacevo.reproduce.bits.operations import computed
@@ -205,8 +206,9 @@ def test_this_cpu_gives_the_recorded_bits(tmp_path: Path) -> None:
         (tmp_path / f"{each.level}.json").write_text(f"{text}\n", encoding="utf-8")
     assert any(each.reason is None for each in compared) or machine()["architecture"] != "x86_64"
     for each in compared:
+        assert not each.status, f"{each}: {each.last_line}"
         assert each.reason is not None or each.digests.keys() == recorded(each.level).keys(), f"compare {tmp_path}"
-        assert not each.differing, f"{machine()['cpu']}: {each}; its bits are in {tmp_path}"
+        assert each.is_sound, f"{machine()['cpu']}: {each}; its bits are in {tmp_path}"
 
 
 def test_other_bits_are_told_from_flagged_ones(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,6 +222,26 @@ def test_other_bits_are_told_from_flagged_ones(monkeypatch: pytest.MonkeyPatch) 
     written = json.loads(json.dumps(report([here])))["levels"]["portable"]
     assert written["digests"] == dict(here.digests)
     assert written["differing"] == list(here.differing)
+
+
+def test_process_that_dies_is_no_obstacle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A CPU that cannot do what its settings ask for breaks the promise, and what it said last is in no report."""
+    able(Numerics.portable)
+    dying = "import os, signal\nos.write(2, b'lost in /home/someone')\nos.kill(os.getpid(), signal.SIGILL)\n"
+    (tmp_path / "torch.py").write_text(dying)
+    monkeypatch.syspath_prepend(tmp_path)
+    (here,) = compare([Numerics.portable])
+    assert (here.reason, here.status, here.is_sound) == (None, -signal.SIGILL, False)
+    assert here.last_line == "lost in /home/someone"
+    written = json.loads(json.dumps(report([here])))["levels"]
+    assert "someone" not in json.dumps(written)
+
+
+def test_cache_that_tells_no_size_is_described(tmp_path: Path) -> None:
+    """As some virtual machines have it."""
+    (tmp_path / "level").write_text("2\n")
+    (tmp_path / "type").write_text("Unified\n")
+    assert _cache(tmp_path) == ("L2 Unified", "unknown")
 
 
 def test_levels_compute_with_kernels_of_their_own() -> None:

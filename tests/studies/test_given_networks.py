@@ -185,16 +185,16 @@ def test_sensors_are_studied_within_and_each_left_out(here: Path, capsys: pytest
 
 
 @pytest.mark.slow
-def test_pairs_of_sensors_are_studied_by_one_command(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Given networks are recorded on the first sensor and studied on each pair; a sensor with itself is within it."""
+def test_several_sensors_are_studied_by_one_command(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Given networks are recorded on the first sensor and studied on each; simulated ones make no matrix."""
     usual = [word for word in GIVEN if word != "run.dir=run"]
     pairs = ["data.sensor=ViTacTip,ViTac", "run.dir=pairs"]
     assert main(["study", *usual, *pairs]) == 0
     told = capsys.readouterr().out
     assert told.count("study of ") == 2
-    assert "by training sensor" in told
-    names = [table for table in open_run("pairs").tables if table.endswith("/transfer_sensors")]
-    assert len(names) == 1
+    assert "on 2 data sets" in told
+    assert "test_sensor" not in told  # which simulated data does not have
+    assert not [table for table in open_run("pairs").tables if table.endswith("/transfer_sensors")]
     assert open_run("pairs").config.data.sensor == "ViTacTip"
     assert main(["study", *usual, *pairs]) == 0
     assert capsys.readouterr().err.count("trainings recorded already") == 2
@@ -217,6 +217,14 @@ def test_mistake_in_a_later_sensor_is_found_before_the_first_is_trained(
     assert main(["study", *usual, "data.sensor=ViTacTip,Other", "run.dir=pairs"]) == 2
     assert "data.sensor" in capsys.readouterr().err
     assert not Path("pairs").exists()
+
+
+def test_shots_of_no_tested_sensor_are_refused(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As a search refuses them, and not dropped; nothing is recorded."""
+    usual = [word for word in GIVEN if word != "run.dir=run"]
+    assert main(["study", *usual, "data.shots=5", "run.dir=shots"]) == 2
+    assert "data.shots" in capsys.readouterr().err
+    assert not Path("shots").exists()
 
 
 def test_study_that_was_begun_under_its_earlier_name_is_continued(

@@ -1,5 +1,6 @@
 """Compares what this CPU computes under portable numerics with what is recorded; imports no torch."""
 
+import contextlib
 import json
 import os
 import subprocess
@@ -39,13 +40,24 @@ class Compared:
     differing: Sequence[str] = ()
     #: Names of results that differ and run a kernel whose bits may depend on the CPU: a candidate with it is flagged.
     flagged: Sequence[str] = ()
-    #: Why nothing was compared; None where it was.
+    #: What keeps this machine from comparing, as a CPU without the instructions; None where nothing does.
     reason: str | None = None
+    #: The exit status of a computation that failed; 0 where none did.
+    status: int = 0
+    #: The last line that it wrote, which may name files and so is in no report.
+    last_line: str = ""
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether nothing speaks against the promise: it holds here, or it cannot be tried."""
+        return not self.differing and not self.status
 
     def __str__(self) -> str:
         """Return what holds here, in one line."""
         if self.reason is not None:
             return f"not compared: {self.reason}"
+        if self.status:
+            return f"not computed: the process ended with status {self.status}"
         equal = len(self.digests) - len(self.differing) - len(self.flagged)
         counted = f"({equal} of {len(self.digests)})"
         if self.differing:
@@ -98,8 +110,8 @@ def _compared(level: Numerics) -> Compared:
         command, env=settings, cwd="/", input=json.dumps(wanted), capture_output=True, text=True, check=False
     )
     if done.returncode:
-        said = (done.stderr.strip() or "no message").splitlines()[-1]
-        return Compared(level=level, digests={}, reason=f"the process ended with status {done.returncode}: {said}")
+        last_line = (done.stderr.strip() or "no message").splitlines()[-1]
+        return Compared(level=level, digests={}, status=done.returncode, last_line=last_line)
     lines = [json.loads(line) for line in done.stdout.splitlines()]
     kernels = {what: more for what, _, *more in lines}
     digests = {what: digest for what, digest, *_ in lines}
@@ -133,6 +145,9 @@ def _cpu() -> dict[str, Json]:
 
 
 def _cache(folder: Path) -> tuple[str, str]:
-    """Return a cache's level and kind, and its size."""
-    level, kind, size = ((folder / fact).read_text().strip() for fact in ("level", "type", "size"))
-    return f"L{level} {kind}", size
+    """Return a cache's level and kind, and its size, each `unknown` where the machine does not tell it."""
+    facts = dict.fromkeys(("level", "type", "size"), "unknown")
+    for fact in facts:
+        with contextlib.suppress(OSError):
+            facts[fact] = (folder / fact).read_text().strip()
+    return f"L{facts['level']} {facts['type']}", facts["size"]

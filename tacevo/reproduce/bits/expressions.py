@@ -98,7 +98,9 @@ _FURTHER = """
     p.bfloat16().sqrt().float(); x.half().exp().float(); x.bfloat16().exp().float(); (p * 1).sqrt_(); (p * 1).rsqrt_();
     (u * 1).asin_(); torch.relu_(x * 1); torch.floor_divide(x.detach(), y.detach());
     torch.heaviside(x.detach(), y.detach()); torch.polar(p, x); torch.polar(p, x).abs(); torch.polar(p, x).angle();
-    torch.polar(p, x).exp(); torch.polar(p, x).log(); torch.polar(p, x).sqrt(); torch.polar(p, x) * torch.polar(p, y);
+    torch.polar(p, x).exp(); torch.polar(p, x).log(); torch.polar(p, x).sqrt(); torch.polar(p, x).acos();
+    torch.polar(p, x).asin(); torch.polar(p, x).atan(); torch.polar(p, x).tan(); torch.polar(p, x) ** 0.5;
+    torch.polar(p, x) * torch.polar(p, y);
     torch.polar(p, x) / torch.polar(p, y); torch.complex(x, y); torch.view_as_complex(x.view(20, 500, 2));
     p.detach().igamma(p.flip(0).detach()); x.sinc(); p.polygamma(1); p.mvlgamma(1); x.i0(); torch.special.erfinv(u);
     torch.special.logit(0.5 + 0.4 * u); torch.special.xlogy(x, p); torch.clamp(x, -1, 1); torch.clamp_max(x, 1);

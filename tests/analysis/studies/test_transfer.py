@@ -128,6 +128,12 @@ def test_sensors_are_one_matrix_whatever_the_protocol() -> None:
     assert names.count("study1/transfer_sensors") == 1
 
 
+def test_sensors_within_themselves_are_no_matrix() -> None:
+    """Simulated ones cannot be crossed: half of it would be empty, and no command could fill it."""
+    own = replace(run([trained(0, 0, 0.5)], [closed(0, 0.5)], elites=[]).config.data, sensor="A")
+    assert sensor_groups([study_of(ONE), on_sensors(2, sensor="B"), on_sensors(3, sensor="C")], own) == ()
+
+
 def test_agreement_on_the_order_is_kendalls_w() -> None:
     """By hand: one order on all data sets is 1; ranks 2, 1, 3 and 2, 3, 1 add up to 4 each, which is 0."""
     same, again = study_of(ONE), elsewhere({name: [2 * value for value in ONE[name]] for name in ONE}, 7)

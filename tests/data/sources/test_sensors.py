@@ -13,7 +13,7 @@ from small_recordings import loaded, save_image
 
 from tacevo.choices import SplitRule
 from tacevo.data.loading import split_rows
-from tacevo.data.sensors import Sensors
+from tacevo.data.sensors import Named, Sensors, taken
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
@@ -254,3 +254,16 @@ def test_archive_lacks_an_array_that_is_named(tmp_path: Path) -> None:
         asking(source, split_column=None).catalogue()
     catalogue: Catalogue = source.catalogue()
     assert catalogue.dealt is not None
+
+
+@pytest.mark.parametrize(
+    ("asked", "expected"),
+    [("A", "A"), ("A+B", "A+B"), ("B+C", "B,C"), ("A+B+C", "A+B,C"), ("C+A+B", "A+B,C"), ("C+A", "A,C")],
+)
+def test_name_that_holds_the_sign_of_a_list_is_a_name(asked: str, expected: str) -> None:
+    """`A+B` is a sensor where the recording names it, alone and beside others."""
+    sensors = ["A", "A+B", "B", "C"] * 3
+    parts = np.repeat(["train", "val", "test"], 4).tolist()
+    named = Named(places=[*map(str, range(12))], sensors=sensors, parts=parts)
+    rows, _ = taken(Sensors(sensor_column="gel", split_column="part", sensor=asked), named)
+    assert ",".join(sorted({sensors[row] for row in rows})) == expected
