@@ -80,6 +80,8 @@ def add_doctor(parser: Parser) -> None:
 def _doctor(options: argparse.Namespace) -> int:
     findings, sound, compared = examine()
     tell(findings)
+    if options.report is None and not all(each.is_sound for each in compared):
+        tell("please send us the file of `tacevo doctor --report FILE`")
     if options.report is not None:
         write_durably(Path(options.report), json.dumps(bits.report(compared), indent=1) + "\n")
         tell(f"the report is in {options.report}; it names no file and no person")

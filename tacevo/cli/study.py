@@ -27,6 +27,7 @@ from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study_directory import StudyDirectory
+from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
@@ -119,7 +120,7 @@ def _each_data(overrides: Sequence[str]) -> list[list[str]]:
 
 
 def _within(own: RunConfig, each: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Check the settings of several studies before the first of them is trained.
+    """Check the settings of several studies, and that their data list such images, before the first of them is trained.
 
     A sensor that is tested and would train alone is studied within itself, so lists of both give each pair of sensors.
     """
@@ -130,9 +131,10 @@ def _within(own: RunConfig, each: Sequence[Sequence[str]]) -> list[list[str]]:
             settings = [word for word in words if not word.startswith(_ACROSS)]
             settings += ["data.test_sensor=null"] if own.data.test_sensor is not None else []
             settings += ["data.shots=0"] if own.data.shots else []
-            compose_elsewhere(own, settings)
         if settings not in checked:
             checked.append(settings)
+    for settings in checked if len(checked) > 1 else []:
+        source_of(compose_elsewhere(own, settings)).catalogue()
     return checked
 
 

@@ -37,6 +37,19 @@ def test_check_takes_what_is_asked_for(recorded: Path, capfd: pytest.CaptureFixt
     assert main(["data", "check", *SETTINGS, "data.sensor=A"]) == 2
 
 
+def test_sensor_that_is_not_there_is_told_before_a_study_is_trained(
+    recorded: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Wherever it stands among the values; nothing is written."""
+    size = [word for word in SMALLEST if not word.startswith("data.")]
+    own = [*SETTINGS, "data.sensor_column=gel", "data.sensor=A", "run.dir=run"]
+    assert main(["search", *size, UNTRACKED, "search.generations=0", *own]) == 0
+    for asked in (["data.sensor=B,D"], ["data.sensor=A", "data.test_sensor=B,D"]):
+        assert main(["study", "run", "elites=1", "seeds=1", "epochs=1", *asked]) == 2
+        assert "got D" in capfd.readouterr().err
+    assert not [*studies_of(Path("run"))]
+
+
 @pytest.mark.slow
 def test_protocols_of_the_release_with_a_table(recorded: Path) -> None:
     """Each is a study of its own, and all replay; those that test one sensor test the same images."""

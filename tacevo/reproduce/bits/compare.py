@@ -58,13 +58,14 @@ class Compared:
             return f"not compared: {self.reason}"
         if self.status:
             return f"not computed: the process ended with status {self.status}"
-        equal = len(self.digests) - len(self.differing) - len(self.flagged)
-        counted = f"({equal} of {len(self.digests)})"
-        if self.differing:
-            first, more = self.differing[:_NAMED], len(self.differing) - _NAMED
-            return f"other bits than recorded {counted}: {listed(first)}" + (f" and {more} more" if more > 0 else "")
+        results = len(self.digests)
+        equal = results - len(self.differing) - len(self.flagged)
         flagging = f"; the other {len(self.flagged)} flag a candidate as not_portable" if self.flagged else ""
-        return f"as recorded {counted}{flagging}"
+        if not self.differing:
+            return f"as recorded ({equal} of {results}){flagging}"
+        first, more = self.differing[:_NAMED], len(self.differing) - _NAMED
+        named = listed(first) + (f" and {more} more" if more > 0 else "")
+        return f"{len(self.differing)} of {results} results differ from the record: {named}{flagging}"
 
 
 def recorded(level: Numerics) -> dict[str, str]:
