@@ -51,7 +51,8 @@ def sensor_table(group: Sequence[OnSensors]) -> Table:
     ]
     has_within = any((sensor, sensor) in known for sensor in tested)
     lacks = any((words, sensor) not in known for words in trained for sensor in tested)
-    names = ",".join(sensor for sensor in tested if "+" not in sensor)
+    single = [sensor for sensor in tested if "+" not in sensor and sensor != "*"]
+    names = ",".join(single)
     return Table(
         name="transfer_sensors",
         caption=f"The networks of {first.task} by training sensor, a row, and test sensor, a column, median test "
@@ -64,7 +65,7 @@ def sensor_table(group: Sequence[OnSensors]) -> Table:
             *(["Where a sensor is tested that trains, its training and its test images differ."] if has_within else []),
             *(
                 [f"What is empty was not studied; data.sensor={names} data.test_sensor={names} studies each pair."]
-                if lacks
+                if lacks and len(single) > 1
                 else []
             ),
         ),

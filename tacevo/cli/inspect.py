@@ -15,7 +15,7 @@ from tacevo.config.conf_folder import config_roots
 from tacevo.config.schema import StoreConfig
 from tacevo.config.task_texts import facts_without_data
 from tacevo.environment import machine, versions
-from tacevo.errors import SandboxError, TacevoError
+from tacevo.errors import ConfigError, SandboxError, TacevoError
 from tacevo.records import Json, Mode, Rejection
 from tacevo.reproduce.bits import compare as bits
 from tacevo.rules import CURRENT
@@ -78,6 +78,10 @@ def add_doctor(parser: Parser) -> None:
 
 
 def _doctor(options: argparse.Namespace) -> int:
+    if options.report is not None and Path(options.report).is_dir():
+        raise ConfigError(
+            "a directory", place=f"--report {options.report}", expected="the name of a file to be written"
+        )
     findings, sound, compared = examine()
     tell(findings)
     if options.report is None and not all(each.is_sound for each in compared):
