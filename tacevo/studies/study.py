@@ -41,12 +41,12 @@ from tacevo.results.study_lines import (
     fewest_seeds,
 )
 from tacevo.results.table_files import with_table
-from tacevo.rules import CURRENT, STUDY
+from tacevo.rules import CURRENT, EAGER, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.looked_up import check_fresh
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored
-from tacevo.runs.wiring import Workbench, check_means, noise_seed, recipe_of, trained_by
+from tacevo.runs.wiring import Workbench, check_means, noise_seed, recipe_under, trained_by
 from tacevo.storage.files import in_use
 from tacevo.storage.plan_file import SeedPlan, read_plan
 from tacevo.storage.run_directory import RunDirectory
@@ -363,13 +363,14 @@ def _plan(
         known = fitness_by_id(run.ledger.lines, config.training.fitness)
         candidates = [replace(line, fitness=known.get(line.id, line.fitness)) for line in run.candidates]
         networks = networks_of(candidates, [elite.id for elite in run.elites], elites, estimates)
+    training = rules if terms is None else TRAININGS_OF_STUDIES.get(rules, CURRENT.training)
     header = StudyHeader(
         schema=SCHEMA,
         run=run.ledger.digest,
         task=config.task.name,
         seed=config.seed,
         data=run.record.data,
-        recipe=recipe_of(config),
+        recipe=recipe_under(config, training),
         numerics=config.numerics.kind,
         device=config.training.device,
         seeds=seeds,
@@ -378,7 +379,7 @@ def _plan(
         chosen_by=chosen_by,
         plan=planned,
         rules=rules,
-        other_device=other_device(run.config, config),
+        other_device=other_device(run.config, config, eager=training in EAGER),
     )
     jobs = [
         _Job(
