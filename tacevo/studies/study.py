@@ -24,7 +24,7 @@ from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
-from tacevo.results.grouped import FEWEST, images_tested
+from tacevo.results.grouped import FEWEST, check_groups, images_tested
 from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
 from tacevo.results.publishable import other_device, other_settings
 from tacevo.results.run import RecordedRun, read_run
@@ -304,6 +304,7 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
             place=place,
             expected="the study that follows from the run",
         )
+    check_groups(recorded, run.facts, run.config, place)
     values = recorded.data.outputs if recorded.data.kind is Kind.regression else 0
     if len(recorded.scale) != values:
         raise RunError(f"{len(recorded.scale)}", place=f"{place}, scale", expected=f"{values} values")

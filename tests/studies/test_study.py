@@ -31,7 +31,7 @@ from tacevo.results.study_lines import SCHEMA, ScoreLine
 from tacevo.runs.progress import Progress
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store, check_entry
-from tacevo.studies.study import _train
+from tacevo.studies.study import _train, replay_study
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -251,6 +251,21 @@ def test_study_of_an_earlier_release_on_a_gpu_replays(captured: bool, folder: Pa
     changes = {"rules": 6, "recipe": recipe, "numerics": Numerics.fast, "device": Device.cuda, "other_device": told}
     rewrite_study(study, folder / "cache", **changes)
     assert main(["replay", "run"]) == int(captured)
+
+
+def test_study_whose_settings_name_no_groups_has_none(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Of a simulated run no image was recorded with another; groups that were sealed into a study are refused."""
+    (study,) = studies_of(Path("run"))
+    header = study.read_scores().header
+    images = header.data.counts[2]
+    data = replace(header.data, groups=tuple(at // 2 for at in range(images)))
+    moved = rewrite_study(study, folder / "cache", data=data)
+    assert main(["replay", "run"]) == 2
+    assert "data.groups" in capfd.readouterr().err
+    with refused(RunError, place="data.groups", got=f"{data.units} groups"):
+        replay_study(read_run(Path("run")), moved.read_finished())
+    assert main(["tables", "run", "-o", "out"]) == 1
+    assert "data.groups" in capfd.readouterr().err
 
 
 def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
