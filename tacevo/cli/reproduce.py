@@ -12,6 +12,7 @@ from tacevo.bundles.verify import Rerun, Verified
 from tacevo.choices import DataSource
 from tacevo.cli.common import DONE, existing_store, tell
 from tacevo.config.schema import RunConfig
+from tacevo.config.sources import USED
 from tacevo.costs import in_words, total
 from tacevo.errors import ConfigError, DataError
 from tacevo.reproduce.retrain import retrain
@@ -123,8 +124,10 @@ def _check_data(place: Opened) -> None:
     for run in place.runs:
         directory = RunDirectory(run)
         config = settings_of(directory)
+        if "root" not in USED[config.data.source] or config.data.source is DataSource.table:  # found by its digest
+            continue
         root = found_data(directory, config)
-        if root is None or Path(root).exists() or config.data.source is DataSource.table:  # one is found by its digest
+        if root is None or Path(root).exists():
             continue
         holds_none = "" if place.digest is None else ": a bundle holds none"
         where = "" if place.digest is None else ", or beside the bundle"

@@ -137,9 +137,21 @@ def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
     check_means(run)
 
 
+def _read(path: str | None, store: str | None) -> RecordedRun:
+    """Read the run that is to be trained from; `store` is where its stores lie, if a user says it.
+
+    Raises:
+        RunError: its stores are not found, and none are named: trainings would be written into a stranger's.
+    """
+    run = read_run(Path(path or ""), store)
+    if store is None:
+        run.check_stores("store.root=DIR")
+    return run
+
+
 def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[_Plan, DataConfig | None]:
     """Work out what a study follows from, and its data where they are not the run's."""
-    run = read_run(Path(config.run or ""), config.store.root)
+    run = _read(config.run, config.store.root)
     elsewhere = replace(run.with_data, executor=config.executor)
     if other:
         from tacevo.config.compose import compose_elsewhere  # imports Hydra, which a replay does not need
@@ -168,7 +180,7 @@ def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLate
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    run = read_run(Path(config.run or ""), config.store.root)
+    run = _read(config.run, config.store.root)
     elites = None if isinstance(config.elites, str) else config.elites
     plan = _plan(
         run,
@@ -191,6 +203,8 @@ def _carry_out(
     mirror_later: MirrorLater | None = None,
 ) -> Studied:
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
+    if plan.run.stores_found:
+        view.say(plan.run.stores_found)
     here = with_table(plan.run.with_data, plan.run.record.data.fingerprint, plan.run.path)
     run = replace(plan.config, data=elsewhere or here.data)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
