@@ -88,6 +88,19 @@ def test_directories_of_others_are_not_looked_through(
     assert str(shared / "cache") in capfd.readouterr().err
 
 
+def test_name_that_leads_up_is_not_looked_up_above_a_run(folder: Path) -> None:
+    """`../images` is meant from where it was written, and not from each directory above the run."""
+    described = json.loads((folder / "run" / "run.json").read_text())
+    described["config"]["data"] |= {"source": "csv", "root": "../images", "target_columns": ["Fx", "Fy", "Fz"]}
+    (folder / "run" / "run.json").write_text(json.dumps(described))
+    (folder / "else" / "images").mkdir(parents=True)
+    (folder / "else" / "deep").mkdir()
+    directory = RunDirectory((folder / "run").rename(folder / "else" / "deep" / "renamed"))
+    assert found_data(directory, settings_of(directory)) == "../images"
+    os.chdir(folder / "else" / "deep")
+    assert Path(found_data(directory, settings_of(directory)) or "").resolve() == folder / "else" / "images"
+
+
 @pytest.mark.parametrize("command", ["study", "noise", "extend"])
 def test_nothing_is_written_into_stores_of_others(
     command: str, sibling: Path, capfd: pytest.CaptureFixture[str]
