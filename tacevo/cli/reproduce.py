@@ -12,7 +12,6 @@ from tacevo.bundles.verify import Rerun, Verified
 from tacevo.choices import DataSource
 from tacevo.cli.common import DONE, existing_store, tell
 from tacevo.config.schema import RunConfig
-from tacevo.config.sources import USED
 from tacevo.costs import in_words, total
 from tacevo.errors import ConfigError, DataError
 from tacevo.reproduce.retrain import retrain
@@ -124,7 +123,7 @@ def _check_data(place: Opened) -> None:
     for run in place.runs:
         directory = RunDirectory(run)
         config = settings_of(directory)
-        if "root" not in USED[config.data.source] or config.data.source is DataSource.table:  # found by its digest
+        if config.data.source in (DataSource.simulated, DataSource.table):  # which is made, or found by its digest
             continue
         root = found_data(directory, config)
         if root is None or Path(root).exists():

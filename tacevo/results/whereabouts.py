@@ -18,8 +18,8 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path, PurePath
 
+from tacevo.choices import DataSource
 from tacevo.config.schema import RunConfig
-from tacevo.config.sources import USED
 from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import place_of
@@ -50,7 +50,7 @@ def _first_training(directory: RunDirectory) -> str | None:
 def found_data(directory: RunDirectory, config: RunConfig) -> str | None:
     """Return where the data set of a run lies; where nothing is found, what the run recorded."""
     name = config.data.root
-    if name is None or "root" not in USED[config.data.source]:
+    if name is None or config.data.source is DataSource.simulated:  # which is made, and lies nowhere
         return name
     return _as_written(name, [place for place in _places(name, directory.path, config.run.dir) if place.exists()])
 
@@ -67,10 +67,10 @@ def _places(name: str, run: Path, made_as: str | None) -> Iterator[Path]:
 
 def _folders(name: str, run: Path, made_as: str | None) -> Iterator[Path]:
     """List the directories in which a relative name of a run is looked up; a bundle lies where its file does."""
-    is_packed = isinstance(run, Member)
     path = run.file.resolve() if isinstance(run, Member) else run.resolve()
     own = PurePath("runs", path.name) if made_as is None else PurePath(made_as)
-    if not is_packed and not own.is_absolute() and path.parts[-len(own.parts) :] == own.parts:
+    is_there = not own.is_absolute() and path.parts[-len(own.parts) :] == own.parts
+    if is_there and not isinstance(run, Member):
         yield Path(*path.parts[: -len(own.parts)])
     yield Path()
     if ".." not in PurePath(name).parts:
