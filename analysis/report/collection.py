@@ -39,7 +39,7 @@ from analysis.tables.searches import searches_table
 from analysis.tables.transfer import sensor_table, transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
-from tacevo.results.grouped import lacks_groups
+from tacevo.results.grouped import check_groups, lacks_groups
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study import RecordedStudy, as_study
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory, studies_of
@@ -186,6 +186,7 @@ def _finished(directory: StudyDirectory, run: RecordedRun) -> FinishedStudy:
             expected=f"a study of the run as it is, of digest {run.digest[:12]}",
             remedy="study it again",
         )
+    check_groups(finished.record, run.facts, run.config, f"{directory.path}/study.json")
     return finished
 
 

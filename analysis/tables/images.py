@@ -24,7 +24,7 @@ from tacevo.text import counted
 UNRECORDED = (
     "The test images come in groups, such as the frames of a press, which this study does not record, being of an "
     "earlier release. Each image is counted as if it were recorded alone, so p is too small and intervals are too "
-    "narrow. Study the run again with this release: its trainings are in the store."
+    "narrow. Study the run again with this release, which trains once more and records the groups."
 )
 
 

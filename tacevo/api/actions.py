@@ -21,6 +21,7 @@ from tacevo.bundles.readme import Terms
 from tacevo.config.compose import compose, compose_noise, compose_study
 from tacevo.config.conf_folder import check_experiment
 from tacevo.config.given import compose_given
+from tacevo.config.study import StudyStoreConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import search as run_search
@@ -107,7 +108,7 @@ def study(
         return _again(run, studies)
     given = compose_study(_settings(settings))
     with progress(quiet) as view:
-        done = run_study(replace(given, run=str(_directory(run))), view, other)
+        done = run_study(replace(given, run=str(_directory(run)), store=_stores(given.store, run)), view, other)
     return _study_of(done, given.store.root, run)
 
 
@@ -136,7 +137,7 @@ def noise(run: Run | Sweep | str | os.PathLike[str], *, quiet: bool = False, **s
         return _again(run, studies)
     given = compose_noise(_settings(settings))
     with progress(quiet) as view:
-        done = estimate_noise(replace(given, run=str(_directory(run))), view)
+        done = estimate_noise(replace(given, run=str(_directory(run)), store=_stores(given.store, run)), view)
     return _study_of(done, given.store.root, run)
 
 
@@ -204,6 +205,13 @@ def _texts(settings: dict[str, Any]) -> list[str]:
     """Write keyword arguments as overrides."""
     words = {name: "null" if value is None else value for name, value in settings.items()}
     return [as_override(name, value) if isinstance(value, str) else f"{name}={value}" for name, value in words.items()]
+
+
+def _stores(named: StudyStoreConfig, run: Run | str | os.PathLike[str]) -> StudyStoreConfig:
+    """Return the stores that an open run has, such as those that `open` was told, unless others are named."""
+    if named.root is not None or not isinstance(run, Run) or run.recorded.without_stores:
+        return named
+    return replace(named, root=str(run.recorded.stores))
 
 
 def _directory(run: Run | str | os.PathLike[str]) -> Path:

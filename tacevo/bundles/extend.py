@@ -54,6 +54,8 @@ def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, c
     run = published.one_run("name one of its jobs, SWEEP/JOB or SWEEP.zip/JOB")
     check_walls(published)
     recorded = read_run(run)
+    if published.entries is None:
+        recorded.check_stores("--store DIR")
     end = recorded.generations[-1].generation
     if not recorded.answered:
         raise ConfigError(

@@ -123,6 +123,8 @@ def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Reru
         TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
     """
     check_sizes(run)
+    if run.stores_found:
+        view.say(run.stores_found)
     replayed = replay(run, view, seen=seen)
     studies = replay_studies(run, view, seen=seen)
     with doubting(run.record.versions):  # a summary is its version's

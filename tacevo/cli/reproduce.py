@@ -123,8 +123,10 @@ def _check_data(place: Opened) -> None:
     for run in place.runs:
         directory = RunDirectory(run)
         config = settings_of(directory)
+        if config.data.source in (DataSource.simulated, DataSource.table):  # which is made, or found by its digest
+            continue
         root = found_data(directory, config)
-        if root is None or Path(root).exists() or config.data.source is DataSource.table:  # one is found by its digest
+        if root is None or Path(root).exists():
             continue
         holds_none = "" if place.digest is None else ": a bundle holds none"
         where = "" if place.digest is None else ", or beside the bundle"

@@ -61,6 +61,8 @@ def _write(
     directory = output_directory(place)
     with Progress() as view:
         view.say(f"making the tables of {one.name}")
+        if isinstance(one, Run) and one.recorded.stores_found:
+            view.say(one.recorded.stores_found)
         remarks = remarks_of(one)
         own, missing = one.all_tables()
         tables = [*own, *beside]

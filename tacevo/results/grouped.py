@@ -2,6 +2,7 @@
 
 from tacevo.config.schema import RunConfig
 from tacevo.config.sources import are_grouped
+from tacevo.errors import RunError
 from tacevo.records import DataFacts, to_json
 from tacevo.results.study_lines import Design, fewest_groups
 from tacevo.text import counted
@@ -23,5 +24,25 @@ def in_groups(facts: DataFacts) -> str:
 
 def lacks_groups(study: Design, config: RunConfig) -> bool:
     """Return whether the settings of a study's data name groups, and it does not record them: an earlier release."""
-    settings = {**to_json(config.data), **dict(study.other_data)}
-    return not study.data.groups and are_grouped(settings, config.task.name) is True
+    return not study.data.groups and _are_named(study, config) is True
+
+
+def check_groups(study: Design, facts: DataFacts, config: RunConfig, place: str) -> None:
+    """Check the groups of a study's test images by what its run says; `facts` and `config` are the run's.
+
+    Raises:
+        RunError: its data are the run's, whose groups are others; or no setting of its data names groups.
+    """
+    groups, expected = study.data.groups, ""
+    if facts.groups and study.data.fingerprint == facts.fingerprint and groups != facts.groups:
+        expected = f"the {counted(facts.units, 'group')} of its run"
+    elif groups and _are_named(study, config) is False:
+        expected = "none, as the settings of its data name none"
+    if expected:
+        got = counted(study.data.units, "group") if groups else "none"
+        raise RunError(got, place=f"{place}, data.groups", expected=expected, remedy="restore it, or study again")
+
+
+def _are_named(study: Design, config: RunConfig) -> bool | None:
+    """Answer whether the settings of a study's data name groups, as `are_grouped`."""
+    return are_grouped({**to_json(config.data), **dict(study.other_data)}, config.task.name)

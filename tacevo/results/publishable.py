@@ -91,13 +91,16 @@ def other_settings(own: DataConfig, other: DataConfig) -> tuple[tuple[str, Json]
     )
 
 
-def other_device(own: RunConfig, other: RunConfig) -> tuple[tuple[str, Json], ...]:
-    """Return (name, value) of the settings that decide the bits of a training, and differ from a run's."""
+def other_device(own: RunConfig, other: RunConfig, *, eager: bool = False) -> tuple[tuple[str, Json], ...]:
+    """Return (name, value) of the settings that decide the bits of a training, and differ from a run's.
+
+    With `eager`, under rules that ran every step eagerly, whether steps are captured is not such a setting.
+    """
     before, after = to_json(own.training), to_json(other.training)
     names = [
         name
         for name in ("device", "gpu", "precision", "gpu_memory_mib", "layout", "captured")
-        if after[name] != before[name]
+        if after[name] != before[name] and not (eager and name == "captured")
     ]
     numerics = () if other.numerics == own.numerics else (("numerics", other.numerics.kind.value),)
     return (*numerics, *((f"training.{name}", after[name]) for name in names))

@@ -45,7 +45,7 @@ from tacevo.records import DataFacts, to_json
 from tacevo.results.settings import read_settings
 from tacevo.results.whereabouts import found_data
 from tacevo.rules import Rules
-from tacevo.storage.canonical import differences, shown
+from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import FinishedDirectory, RunDirectory, RunRecord
 from tacevo.storage.store import place_of
@@ -113,6 +113,26 @@ class RecordedRun:
         if known is None or (self.stores / place_of("evaluations", known)).exists():
             return ""
         return f"its stores are not in {self.stores}, so what rests on them is missing: store=DIR or --store names them"
+
+    def check_stores(self, option: str) -> None:
+        """Check that its stores are there, before something is written into them; `option` is how a user names them.
+
+        Raises:
+            RunError: they are not: what the recorded name leads to from here may be anyone's.
+        """
+        if self.without_stores:
+            raise RunError(
+                f"none in {self.stores}",
+                place=f"the stores of {self.path}",
+                expected="the directory that holds the trainings of the run",
+                remedy=f"name it with {option}; another one, or a new one, is named alike",
+            )
+
+    @property
+    def stores_found(self) -> str:
+        """Where its stores were found, in words; empty where that is the name that it recorded."""
+        recorded = value_at(self.record.config, ("store", "root"))
+        return "" if self.packed or recorded == str(self.stores) else f"stores: {self.stores} (recorded as {recorded})"
 
     @property
     def task(self) -> str:

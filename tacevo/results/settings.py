@@ -10,8 +10,10 @@ from tacevo.config.task_texts import contract_of
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import to_json
+from tacevo.results.publishable import last_part
 from tacevo.results.whereabouts import found_store
 from tacevo.storage.canonical import differences, shown
+from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 
 
@@ -31,7 +33,8 @@ def read_config(path: Path, record: RunRecord) -> RunConfig:
 def read_settings(directory: RunDirectory, record: RunRecord, store: str | None = None) -> RunConfig:
     """Return the configuration of a run for this machine alone, with no more workers than cores.
 
-    `store` is where its stores lie, if not where the run had them (`tacevo.results.whereabouts`).
+    `store` is where its stores lie, if not where the run had them (`tacevo.results.whereabouts`). Of the place that a
+    bundle names for its data the last part is taken: `tacevo publish` writes no more.
 
     Raises:
         RunError: run.json has another number of simulated images than the run had, another contract than its settings
@@ -52,7 +55,10 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
     root = found_store(directory, config) if store is None else store
     workers = min(config.executor.workers, usable_cores())
     here = replace(config.executor, kind=ExecutorKind.local, workers=workers)
-    return replace(config, store=StoreConfig(root=root), executor=here)
+    data = config.data
+    if isinstance(directory.path, Member) and data.root is not None:
+        data = replace(data, root=last_part(data.root))
+    return replace(config, data=data, store=StoreConfig(root=root), executor=here)
 
 
 def _check_task(config: RunConfig, record: RunRecord, place: str) -> None:

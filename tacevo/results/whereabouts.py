@@ -1,15 +1,24 @@
 """Where the stores and the data of a recorded run lie, for a command that may be given in another directory.
 
 A relative `store.root` or `data.root` is looked up in the directory that the run was made in, as far as its `run.dir`
-tells, then in the working directory, then in the directories above the run, the nearest first. A store is the run's
-only where it holds a training of the run: another one of that name is never read in its place, or written to.
+tells, then in the working directory, then in the directories above the run, the nearest first. The directories above
+end at one that another user owns or that everyone may write to: whoever lays a store there would decide what is read.
+A name with `..` is looked up in the first two alone.
+
+A store is the run's only where it holds a training of the run: another one of that name is never read in its place.
+Where none is found, the recorded name stays, and what would write there asks `RecordedRun.check_stores` first.
+
+Nothing is looked up by what a bundle says of its author's stores; of its data set, only by the last part of the name.
 """
 
+import itertools
 import os
 import re
+import stat
 from collections.abc import Iterator
 from pathlib import Path, PurePath
 
+from tacevo.choices import DataSource
 from tacevo.config.schema import RunConfig
 from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory
@@ -22,7 +31,7 @@ _EVALUATION = re.compile(rb'"evaluation":"([0-9a-f]{64})"')
 def found_store(directory: RunDirectory, config: RunConfig) -> str:
     """Return where the stores of a run in a directory lie; where they are not found, what the run recorded."""
     name = config.store.root
-    if PurePath(name).is_absolute():
+    if PurePath(name).is_absolute() or isinstance(directory.path, Member):
         return name
     places = [place for place in _places(name, directory.path, config.run.dir) if place.is_dir()]
     if key := _first_training(directory):
@@ -41,33 +50,40 @@ def _first_training(directory: RunDirectory) -> str | None:
 def found_data(directory: RunDirectory, config: RunConfig) -> str | None:
     """Return where the data set of a run lies; where nothing is found, what the run recorded."""
     name = config.data.root
-    if name is None:
-        return None
+    if name is None or config.data.source is DataSource.simulated:  # which is made, and lies nowhere
+        return name
     return _as_written(name, [place for place in _places(name, directory.path, config.run.dir) if place.exists()])
 
 
 def _places(name: str, run: Path, made_as: str | None) -> Iterator[Path]:
     """List the paths that a name in the settings of a run may mean, each once."""
     known: set[Path] = set()
-    for folder in (Path(),) if PurePath(name).is_absolute() else _folders(run, made_as):
+    for folder in (Path(),) if PurePath(name).is_absolute() else _folders(name, run, made_as):
         path = folder / name
         if (real := path.resolve()) not in known:
             known.add(real)
             yield path
 
 
-def _folders(run: Path, made_as: str | None) -> Iterator[Path]:
-    """List the directories in which relative names of a run are looked up; a bundle lies where its file does."""
-    if isinstance(run, Member):
-        yield Path()
-        yield from run.file.resolve().parents
-        return
-    path = run.resolve()
+def _folders(name: str, run: Path, made_as: str | None) -> Iterator[Path]:
+    """List the directories in which a relative name of a run is looked up; a bundle lies where its file does."""
+    path = run.file.resolve() if isinstance(run, Member) else run.resolve()
     own = PurePath("runs", path.name) if made_as is None else PurePath(made_as)
-    if not own.is_absolute() and path.parts[-len(own.parts) :] == own.parts:
+    is_there = not own.is_absolute() and path.parts[-len(own.parts) :] == own.parts
+    if is_there and not isinstance(run, Member):
         yield Path(*path.parts[: -len(own.parts)])
     yield Path()
-    yield from path.parents
+    if ".." not in PurePath(name).parts:
+        yield from itertools.takewhile(_is_own, path.parents)
+
+
+def _is_own(folder: Path) -> bool:
+    """Return whether a directory is this user's, and not everyone may lay something into it."""
+    try:
+        found = folder.stat()
+    except OSError:
+        return False
+    return found.st_uid == os.geteuid() and not found.st_mode & stat.S_IWOTH
 
 
 def _as_written(name: str, places: list[Path]) -> str:

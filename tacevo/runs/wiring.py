@@ -377,20 +377,15 @@ class Workbench:
 
     def _setting(self, training: int) -> Setting:
         """Return the setting of trainings under the rules of that number."""
-        recipe = recipe_of(self.config)
         return Setting(
             contract=self.task.contract,
             fingerprint=self.facts.fingerprint,
-            recipe=_eager(recipe) if training in EAGER else recipe,
+            recipe=recipe_under(self.config, training),
             numerics=self.config.numerics.kind,
             device=self.config.training.device,
             contiguous=training in CONTIGUOUS,
             mkl_functions=training in MKL_FUNCTIONS,
         )
-
-
-def _eager(recipe: Recipe) -> Recipe:
-    return recipe if recipe.gpu is None else replace(recipe, gpu=replace(recipe.gpu, captured=False))
 
 
 def _order(config: RunConfig) -> Order:
@@ -429,6 +424,14 @@ def trained_by(config: RunConfig, recipe: Recipe, numerics: Numerics, device: De
         captured=gpu.captured if gpu else unset.captured,
     )
     return replace(config, training=training, numerics=NumericsConfig(kind=numerics))
+
+
+def recipe_under(config: RunConfig, training: int) -> Recipe:
+    """Turn the training of a configuration into the recipe that it has under the rules of that number."""
+    recipe = recipe_of(config)
+    if recipe.gpu is None or training not in EAGER:
+        return recipe
+    return replace(recipe, gpu=replace(recipe.gpu, captured=False))
 
 
 def recipe_of(config: RunConfig) -> Recipe:

@@ -24,7 +24,7 @@ from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
-from tacevo.results.grouped import FEWEST, images_tested
+from tacevo.results.grouped import FEWEST, check_groups, images_tested
 from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
 from tacevo.results.publishable import other_device, other_settings
 from tacevo.results.run import RecordedRun, read_run
@@ -41,12 +41,12 @@ from tacevo.results.study_lines import (
     fewest_seeds,
 )
 from tacevo.results.table_files import with_table
-from tacevo.rules import CURRENT, STUDY
+from tacevo.rules import CURRENT, EAGER, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.looked_up import check_fresh
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored
-from tacevo.runs.wiring import Workbench, check_means, noise_seed, recipe_of, trained_by
+from tacevo.runs.wiring import Workbench, check_means, noise_seed, recipe_under, trained_by
 from tacevo.storage.files import in_use
 from tacevo.storage.plan_file import SeedPlan, read_plan
 from tacevo.storage.run_directory import RunDirectory
@@ -137,9 +137,21 @@ def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
     check_means(run)
 
 
+def _read(path: str | None, store: str | None) -> RecordedRun:
+    """Read the run that is to be trained from; `store` is where its stores lie, if a user says it.
+
+    Raises:
+        RunError: its stores are not found, and none are named: trainings would be written into a stranger's.
+    """
+    run = read_run(Path(path or ""), store)
+    if store is None:
+        run.check_stores("store.root=DIR")
+    return run
+
+
 def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[_Plan, DataConfig | None]:
     """Work out what a study follows from, and its data where they are not the run's."""
-    run = read_run(Path(config.run or ""), config.store.root)
+    run = _read(config.run, config.store.root)
     elsewhere = replace(run.with_data, executor=config.executor)
     if other:
         from tacevo.config.compose import compose_elsewhere  # imports Hydra, which a replay does not need
@@ -168,7 +180,7 @@ def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLate
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    run = read_run(Path(config.run or ""), config.store.root)
+    run = _read(config.run, config.store.root)
     elites = None if isinstance(config.elites, str) else config.elites
     plan = _plan(
         run,
@@ -191,6 +203,8 @@ def _carry_out(
     mirror_later: MirrorLater | None = None,
 ) -> Studied:
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
+    if plan.run.stores_found:
+        view.say(plan.run.stores_found)
     here = with_table(plan.run.with_data, plan.run.record.data.fingerprint, plan.run.path)
     run = replace(plan.config, data=elsewhere or here.data)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
@@ -304,6 +318,7 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
             place=place,
             expected="the study that follows from the run",
         )
+    check_groups(recorded, run.facts, run.config, place)
     values = recorded.data.outputs if recorded.data.kind is Kind.regression else 0
     if len(recorded.scale) != values:
         raise RunError(f"{len(recorded.scale)}", place=f"{place}, scale", expected=f"{values} values")
@@ -363,13 +378,14 @@ def _plan(
         known = fitness_by_id(run.ledger.lines, config.training.fitness)
         candidates = [replace(line, fitness=known.get(line.id, line.fitness)) for line in run.candidates]
         networks = networks_of(candidates, [elite.id for elite in run.elites], elites, estimates)
+    training = rules if terms is None else TRAININGS_OF_STUDIES.get(rules, CURRENT.training)
     header = StudyHeader(
         schema=SCHEMA,
         run=run.ledger.digest,
         task=config.task.name,
         seed=config.seed,
         data=run.record.data,
-        recipe=recipe_of(config),
+        recipe=recipe_under(config, training),
         numerics=config.numerics.kind,
         device=config.training.device,
         seeds=seeds,
@@ -378,7 +394,7 @@ def _plan(
         chosen_by=chosen_by,
         plan=planned,
         rules=rules,
-        other_device=other_device(run.config, config),
+        other_device=other_device(run.config, config, eager=training in EAGER),
     )
     jobs = [
         _Job(

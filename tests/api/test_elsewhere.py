@@ -1,15 +1,22 @@
 """A run gives the same answers from every directory: its stores and its data are looked up from the run as well."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
 import pytest
+from bundles import members_of, resealed
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
 
+from tacevo.api.actions import study
 from tacevo.api.opening import open_run
+from tacevo.bundles.open import opened
 from tacevo.cli.app import main
 from tacevo.errors import DataError, RunError
+from tacevo.results.settings import settings_of
+from tacevo.results.whereabouts import found_data
+from tacevo.storage.canonical import readable
 from tacevo.storage.run_directory import RunDirectory
 
 
@@ -57,6 +64,65 @@ def test_run_moved_with_its_stores_is_found_above(sibling: Path, tmp_path: Path)
     (sibling / "cache").rename(tmp_path / "else" / "cache")
     (sibling / "run").rename(tmp_path / "else" / "deep" / "renamed")
     assert "re-estimated" in set(open_run(tmp_path / "else" / "deep" / "renamed").pareto().estimate)
+
+
+def test_directories_of_others_are_not_looked_through(
+    sibling: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Where everyone may lay a store above a run, none is looked for there or above, unless one works there."""
+    shared, run = tmp_path / "else" / "shared", tmp_path / "else" / "shared" / "mine" / "renamed"
+    run.parent.mkdir(parents=True)
+    (sibling / "run").rename(run)
+    shutil.copytree(sibling / "cache", tmp_path / "else" / "cache")
+    (sibling / "cache").rename(shared / "cache")
+    assert Path(open_run(run).config.store.root) == shared / "cache"
+    shared.chmod(0o777)
+    assert open_run(run).recorded.without_stores
+    assert main(["replay", str(run), "--store", str(shared / "cache")]) == 0
+    os.chdir(shared)
+    assert not open_run(run).recorded.without_stores
+    os.chdir(run.parent)
+    shared.chmod(0o755)
+    capfd.readouterr()
+    assert main(["replay", str(run)]) == 0
+    assert str(shared / "cache") in capfd.readouterr().err
+
+
+def test_name_that_leads_up_is_not_looked_up_above_a_run(folder: Path) -> None:
+    """`../images` is meant from where it was written, and not from each directory above the run."""
+    described = json.loads((folder / "run" / "run.json").read_text())
+    described["config"]["data"] |= {"source": "csv", "root": "../images", "target_columns": ["Fx", "Fy", "Fz"]}
+    (folder / "run" / "run.json").write_text(json.dumps(described))
+    (folder / "else" / "images").mkdir(parents=True)
+    (folder / "else" / "deep").mkdir()
+    directory = RunDirectory((folder / "run").rename(folder / "else" / "deep" / "renamed"))
+    assert found_data(directory, settings_of(directory)) == "../images"
+    os.chdir(folder / "else" / "deep")
+    assert Path(found_data(directory, settings_of(directory)) or "").resolve() == folder / "else" / "images"
+
+
+@pytest.mark.parametrize("command", ["study", "noise", "extend"])
+def test_nothing_is_written_into_stores_of_others(
+    command: str, sibling: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Where the stores of a run are not found, what would write into them asks for their name."""
+    (sibling / "cache").rename("moved")
+    (Path("cache") / "evaluations").mkdir(parents=True)
+    size = {"extend": ["search.generations=2", UNTRACKED]}.get(command, ["elites=1", "seeds=2"])
+    assert main([command, str(sibling / "run"), *size]) == 2
+    told = capfd.readouterr().err
+    assert ("--store" if command == "extend" else "store.root=") in told
+    assert [*Path("cache").iterdir()] == [Path("cache") / "evaluations"]
+    if command == "noise":
+        assert main([command, str(sibling / "run"), *size, "store.root=moved"]) == 0
+        assert [*Path("cache").iterdir()] == [Path("cache") / "evaluations"]
+
+
+def test_open_run_is_studied_with_the_stores_that_it_has(sibling: Path) -> None:
+    """Those that `open` was told need not be named again."""
+    (sibling / "cache").rename("moved")
+    study(open_run(sibling / "run", store="moved"), elites=1, seeds=4, epochs=1, quiet=True)
+    assert not Path("cache").exists()
 
 
 def test_missing_stores_are_told_by_every_object_that_needs_them(sibling: Path) -> None:
@@ -137,11 +203,48 @@ def test_export_takes_the_place_of_the_data(recorded: Path) -> None:
         run.export("g00s00", "changed", "data.root=moved", like="search", quiet=True)
 
 
-def test_directory_of_a_bundle_is_looked_through_for_its_data(bundle: Path) -> None:
-    """A bundle has a file of its own, whose directory and those above it may hold the data."""
-    run = open_run(bundle)
-    assert isinstance(run.recorded.directory, RunDirectory)
-    assert run.recorded.with_data == run.config
+@pytest.mark.parametrize("above", ["{trap}", "../trap"])
+def test_data_of_a_bundle_are_looked_up_beside_it_by_their_name_alone(above: str, bundle: Path, place: Path) -> None:
+    """Its directory and those above it may hold the data; other paths that its author wrote into it lead nowhere."""
+    trap, near = place / "trap", place / "near" / "deep"
+    for folder in (trap / "images", near, place / "near" / "images", place / "work"):
+        folder.mkdir(parents=True)
+    os.chdir(place / "work")
+    directory = forged(bundle, near / "one.zip", root=f"{above.format(trap=trap)}/images")
+    config = settings_of(directory)
+    found = found_data(directory, config)
+    assert found is not None
+    assert Path(found) == place / "near" / "images"
+    Path(found).rmdir()
+    assert found_data(directory, config) == "images"
+
+
+def test_stores_that_a_bundle_names_are_not_looked_up(bundle: Path, place: Path) -> None:
+    """It has stores of its own: a directory of this machine that has its trainings is not taken for them."""
+    shutil.copytree(bundle.parent / "cache", place / "near" / "stores")
+    directory = forged(bundle, place / "near" / "one.zip", root="images", stores="stores")
+    assert settings_of(directory).store.root == "stores"
+
+
+def test_place_of_data_that_are_made_is_not_looked_up(bundle: Path, place: Path) -> None:
+    """Simulated images have none; a bundle that names one all the same is read without it."""
+    (place / "images").mkdir()
+    directory = forged(bundle, place / "near" / "one.zip", root="images", source="simulated")
+    (place / "beside").mkdir()
+    os.chdir(place / "beside")
+    assert found_data(directory, settings_of(directory)) == "images"
+    assert main(["replay", str(place / "near" / "one.zip"), "--retrain", "1", "--draw", "1"]) == 0
+
+
+def forged(bundle: Path, target: Path, *, root: str, stores: str = "cache", source: str = "csv") -> RunDirectory:
+    """Write the bundle of a run whose data set and stores lie elsewhere, as it says; return the run's directory."""
+    members = members_of(bundle)
+    described = json.loads(members["run/run.json"])
+    described["config"]["data"] |= {"source": source, "root": root, "target_columns": ["Fx", "Fy", "Fz"]}
+    described["config"]["store"]["root"] = stores
+    target.parent.mkdir(parents=True, exist_ok=True)
+    resealed({**members, "run/run.json": readable(described).encode()}, target)
+    return RunDirectory(opened(target).folder)
 
 
 def test_missing_data_is_told_before_anything_is_replayed(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -14,22 +14,24 @@ from typing import Any
 
 import pytest
 from refusals import refused
+from rewritten import rewrite_study
 from smallest import SMALLEST, UNTRACKED, Once
 from sweeps import Heard
 from waiting import eventually
 
 from analysis.studies.predictions import load_predictions
+from tacevo.choices import Device, Numerics, Precision
 from tacevo.cli.app import main
 from tacevo.errors import RunError
-from tacevo.records import to_json
+from tacevo.records import Gpu, to_json
 from tacevo.results.run import read_run
 from tacevo.results.study import load_study
-from tacevo.results.study_directory import studies_of
+from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.results.study_lines import SCHEMA, ScoreLine
 from tacevo.runs.progress import Progress
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store, check_entry
-from tacevo.studies.study import _train
+from tacevo.studies.study import _train, replay_study
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -237,6 +239,33 @@ def test_replay_compares_every_score_without_training(folder: Path, capsys: pyte
     digest = json.loads(next(folder.glob("run/studies/elites*/study.json")).read_text())["digest"]
     assert re.search(rf"study elites1-\S+: every score is as recorded, digest {digest}", output.out)
     assert "study begun is not finished and is passed over" in output.err
+
+
+@pytest.mark.parametrize("captured", [False, True])
+def test_study_of_an_earlier_release_on_a_gpu_replays(captured: bool, folder: Path) -> None:
+    """Its rules ran every step eagerly, and said nothing of it; that steps were captured cannot be true of them."""
+    study = StudyDirectory(only(folder))
+    gpu = Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=8192, captured=captured)
+    told = (("numerics", "fast"), ("training.device", "cuda"), ("training.gpu", gpu.model))
+    recipe = replace(study.read().recipe, gpu=gpu)
+    changes = {"rules": 6, "recipe": recipe, "numerics": Numerics.fast, "device": Device.cuda, "other_device": told}
+    rewrite_study(study, folder / "cache", **changes)
+    assert main(["replay", "run"]) == int(captured)
+
+
+def test_study_whose_settings_name_no_groups_has_none(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Of a simulated run no image was recorded with another; groups that were sealed into a study are refused."""
+    (study,) = studies_of(Path("run"))
+    header = study.read_scores().header
+    images = header.data.counts[2]
+    data = replace(header.data, groups=tuple(at // 2 for at in range(images)))
+    moved = rewrite_study(study, folder / "cache", data=data)
+    assert main(["replay", "run"]) == 2
+    assert "data.groups" in capfd.readouterr().err
+    with refused(RunError, place="data.groups", got=f"{data.units} groups"):
+        replay_study(read_run(Path("run")), moved.read_finished())
+    assert main(["tables", "run", "-o", "out"]) == 1
+    assert "data.groups" in capfd.readouterr().err
 
 
 def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
