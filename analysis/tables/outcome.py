@@ -111,7 +111,8 @@ def noise_outcome(again: Reestimates, task: str, trivial: float | None) -> Table
     best = known[2:].sort_values("median", kind="stable").index[: MOST - 2]
     listed_ones = known.loc[[*known.index[:2], *sorted(best)]]
     seeds = counted(again.seeds, "other seed")
-    trained = f"{task}: {counted(len(known), 'network')}, trained again as the search did, with {seeds}"
+    how = "looked up in its table" if again.looked_up else "trained again as the search did,"
+    trained = f"{task}: {counted(len(known), 'network')}, {how} with {seeds}"
     finding = _finding(again)
     return Table.of(
         listed_ones,

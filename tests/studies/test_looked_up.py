@@ -95,7 +95,9 @@ def test_table_is_found_by_its_digest(place: Path, capsys: pytest.CaptureFixture
         assert "retrained" not in said
     # A run in a directory, too, whose table is not where it was any more.
     assert main(["replay", "run", "--retrain", "1"]) == 0
-    tacevo.noise("run", elites=1, seeds=1, quiet=True)
+    capsys.readouterr()
+    assert main(["noise", "run", "elites=1", "seeds=1"]) == 0
+    assert "trained again" not in capsys.readouterr().out
 
 
 @pytest.mark.slow
