@@ -29,8 +29,8 @@ from tacevo.text import first_line
 #: What `hydra/launcher=` may name.
 SLURM = "submitit_slurm"
 
-#: Hydra's names for launchers of this machine: its own, which users of Hydra type, and one that has other options.
-_BASIC, _JOBLIB = "basic", "joblib"
+#: Hydra's names for launchers of this machine, which its users type.
+_HERE = ("basic", "joblib")
 
 #: What takes their place.
 _INSTEAD = (
@@ -67,12 +67,12 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
         ConfigError: there are two launchers, or one that is not known.
     """
     launchers = [override.removeprefix(_LAUNCHER) for override in overrides if override.startswith(_LAUNCHER)]
-    if launchers not in ([], [_BASIC], [SLURM]):
+    if launchers not in ([], [SLURM], *([name] for name in _HERE)):
         raise ConfigError(
             " and ".join(launchers),
             place="hydra/launcher",
-            expected=SLURM,
-            remedy=f"leave it out: {_INSTEAD}" if launchers == [_JOBLIB] else "leave it out for this machine",
+            expected=" or ".join([SLURM, *_HERE]),
+            remedy="leave it out for this machine",
         )
     own = [override.removeprefix(_OPTION).partition("=") for override in overrides if override.startswith(_OPTION)]
     try:
@@ -83,7 +83,7 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
         ) from error
     rest = (override for override in overrides if not override.startswith((_LAUNCHER, _OPTION)))
     cluster = SLURM if launchers == [SLURM] else ""
-    remark = f"hydra/launcher={_BASIC}: {_INSTEAD}" if launchers == [_BASIC] else ""
+    remark = "" if cluster or not launchers else f"hydra/launcher={launchers[0]}: {_INSTEAD}"
     return Launcher(cluster=cluster, options=options, remark=remark), tuple(rest)
 
 
