@@ -37,9 +37,7 @@ def run_replay(options: argparse.Namespace) -> int:
         place = opened(Path(options.run))
         if options.retrain is not None:
             check_walls(place)
-            # Before anything is run again.
-            _check_data(place)
-            configs = _with_tables(place, options)
+            configs = _with_data_here(place, options)
         # The --store of a published run is for the images of --retrain, and need not exist yet.
         done = replay(place, None if place.digest else existing_store(options.store), view)
         told = _told(place, done)
@@ -114,47 +112,44 @@ def _told(origin: Opened, done: Verified) -> list[str]:
     return told
 
 
-def _check_data(place: Opened) -> None:
-    """Check that the data sets of recorded runs are there before anything is replayed, which may take long.
+def _with_data_here(place: Opened, options: argparse.Namespace) -> list[RunConfig]:
+    """Return the configuration of each run, whose data must be here, with the place of the table that it looked up in.
+
+    It is asked before anything is replayed, which may take long.
 
     Raises:
-        DataError: one is not.
-    """
-    for run in place.runs:
-        directory = RunDirectory(run)
-        config = settings_of(directory)
-        if config.data.source in (DataSource.simulated, DataSource.table):  # which is made, or found by its digest
-            continue
-        root = found_data(directory, config)
-        if root is None or Path(root).exists():
-            continue
-        holds_none = "" if place.digest is None else ": a bundle holds none"
-        where = "" if place.digest is None else ", or beside the bundle"
-        raise DataError(
-            f"{root}, which is not there",
-            place=f"data.root of {directory.read_run().name}",
-            expected=f"the data set of the run (data={config.data.source}){holds_none}",
-            remedy=f"lay it as {root} into the working directory{where}; without --retrain, nothing needs it",
-        )
-
-
-def _with_tables(place: Opened, options: argparse.Namespace) -> list[RunConfig]:
-    """Return the configuration of each run, with the place at which the table lies that it looked evaluations up in.
-
-    Raises:
-        DataError, BundleError: as `find_table`.
+        DataError, BundleError: a data set is not there; or as `find_table`.
         ConfigError: a table is named, and no run looked anything up.
     """
     named = None if options.table is None else Path(options.table)
     found = []
     for run in place.runs:
         directory = RunDirectory(run)
-        fingerprint = directory.read_run().data.fingerprint
-        config = settings_of(directory)
-        found.append(with_table(config, fingerprint, Path(options.run), named, option="--table FILE"))
+        record, config = directory.read_run(), settings_of(directory)
+        if config.data.source not in (DataSource.simulated, DataSource.table):  # which is made, or found by its digest
+            _check_data(directory, record.name, config, in_bundle=place.digest is not None)
+        found.append(with_table(config, record.data.fingerprint, Path(options.run), named, option="--table FILE"))
     if named is not None and all(config.data.source is not DataSource.table for config in found):
         raise ConfigError(options.table, place="--table", expected="no table: these searches trained")
     return found
+
+
+def _check_data(directory: RunDirectory, name: str, config: RunConfig, *, in_bundle: bool) -> None:
+    """Check that the data set of a recorded run is there.
+
+    Raises:
+        DataError: it is not.
+    """
+    root = found_data(directory, config)
+    if root is None or Path(root).exists():
+        return
+    holds_none, where = (": a bundle holds none", ", or beside the bundle") if in_bundle else ("", "")
+    raise DataError(
+        f"{root}, which is not there",
+        place=f"data.root of {name}",
+        expected=f"the data set of the run (data={config.data.source}){holds_none}",
+        remedy=f"lay it as {root} into the working directory{where}; without --retrain, nothing needs it",
+    )
 
 
 def _with_data(done: Rerun, config: RunConfig) -> Rerun:
