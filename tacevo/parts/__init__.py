@@ -1,0 +1,10 @@
+"""Parts: what plugs into a search, a study or a report, ours and other people's.
+
+A part is a class of one kind (`tacevo.parts.kinds`), chosen by its name in a setting such as `proposals.parents`. It
+comes with tacevo, from an installed package (an entry point of the group `tacevo.parents`, `tacevo.sources`, ...), or
+from a file, as in `proposals.parents=parts/parents.py:Lexicase`. docs/parts.md says how to write one.
+
+What decides the results of a run (parents, prompts, temperatures, archives, descriptors, fitness) never runs in the
+process that searches, unless it is ours: it runs confined, its sources are recorded, and its decisions are entries of a
+store.
+"""

@@ -1,0 +1,146 @@
+"""The kinds of parts, and those that come with tacevo: names and where they are; nothing is imported for that.
+
+One of ours is imported when it is used, so what a run does not use may be missing.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Kind:
+    """One kind of parts."""
+
+    #: Also the group of its entry points: `tacevo.parents`.
+    name: str
+    #: What a part of this kind does, for a list of them.
+    does: str
+    #: The setting that chooses one; empty where all that are installed are used.
+    setting: str
+    #: Whether results of a run follow from it, so that it is recorded, confined and compared.
+    decides: bool
+    #: Ours, by name: `module:attribute`.
+    ours: Mapping[str, str]
+    #: What installs the libraries that one of ours needs, where `pip install tacevo` does not.
+    extras: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def group(self) -> str:
+        """The group of the entry points by which an installed package offers parts of this kind."""
+        return f"tacevo.{self.name}"
+
+
+PROVIDERS = Kind(
+    name="providers",
+    does="answers requests",
+    setting="llm.provider",
+    decides=False,
+    ours={},
+)
+
+SOURCES = Kind(
+    name="sources",
+    does="reads or makes images and their labels",
+    setting="data.source",
+    decides=False,
+    ours={},
+)
+
+EXECUTORS = Kind(
+    name="executors",
+    does="runs candidates in sandboxes, here or elsewhere",
+    setting="executor.kind",
+    decides=False,
+    ours={},
+)
+
+TRACKERS = Kind(
+    name="trackers",
+    does="mirrors runs and studies",
+    setting="tracking.kind",
+    decides=False,
+    ours={},
+)
+
+PARENTS = Kind(
+    name="parents",
+    does="chooses who the parents of the next candidates are",
+    setting="proposals.parents",
+    decides=True,
+    ours={},
+)
+
+PROMPTS = Kind(
+    name="prompts",
+    does="draws the instruction of a mutation",
+    setting="prompts.policy",
+    decides=True,
+    ours={},
+)
+
+TEMPERATURES = Kind(
+    name="temperatures",
+    does="sets the sampling temperature of the next generation",
+    setting="temperature.rule",
+    decides=True,
+    ours={},
+)
+
+ARCHIVES = Kind(
+    name="archives",
+    does="keeps networks",
+    setting="archive.kind",
+    decides=True,
+    ours={},
+)
+
+DESCRIPTORS = Kind(
+    name="descriptors",
+    does="measures a network for an axis of the archive",
+    setting="archive.axes",
+    decides=True,
+    ours={},
+)
+
+FITNESS = Kind(
+    name="fitness",
+    does="turns the validation losses of a training into a fitness",
+    setting="training.fitness",
+    decides=True,
+    ours={},
+)
+
+OUTPUTS = Kind(
+    name="outputs",
+    does="adds tables, figures or a section of the page",
+    setting="",
+    decides=False,
+    ours={},
+)
+
+COMMANDS = Kind(
+    name="commands",
+    does="adds a command",
+    setting="",
+    decides=False,
+    ours={},
+)
+
+#: All kinds, by name, in the order in which a search meets them.
+KINDS: Mapping[str, Kind] = {
+    kind.name: kind
+    for kind in (
+        PROVIDERS,
+        SOURCES,
+        EXECUTORS,
+        TRACKERS,
+        PARENTS,
+        PROMPTS,
+        TEMPERATURES,
+        ARCHIVES,
+        DESCRIPTORS,
+        FITNESS,
+        OUTPUTS,
+        COMMANDS,
+    )
+}

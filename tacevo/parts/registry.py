@@ -1,0 +1,153 @@
+"""Where parts are found: ours, those of installed packages, and files that a user names.
+
+Nothing is imported to list parts. One of ours is found first, so a package cannot take its name.
+"""
+
+import importlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+from tacevo.errors import ConfigError
+from tacevo.parts.kinds import Kind
+from tacevo.text import nearest
+
+#: A part in a file: `parts/parents.py:Lexicase`.
+_IN_FILE = re.compile(r"(?P<file>.+\.py):(?P<name>[A-Za-z_]\w*)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """A part, found by its name."""
+
+    kind: Kind
+    #: What a run records of it, and the name of its own settings: of a part in a file, that of the class.
+    name: str
+    #: The module that it is in, by its dotted name; of a part in a file, that of the file without `.py`.
+    module: str
+    attribute: str
+    #: Who it comes from: `tacevo`, a distribution with its version, or a file.
+    origin: str
+    #: Of a part in a file.
+    file: Path | None = None
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether it comes with tacevo."""
+        return self.origin == "tacevo"
+
+    def load(self) -> Any:
+        """Import it into this process.
+
+        Raises:
+            ConfigError: something that it needs is not installed, or its module has no such name.
+        """
+        try:
+            module = _from_file(self.module, self.file) if self.file else importlib.import_module(self.module)
+            return getattr(module, self.attribute)
+        except ImportError as error:
+            raise ConfigError(
+                f"no module {error.name or error}",
+                place=self.place,
+                expected="a part whose modules are installed",
+                remedy=_install(self, error.name or ""),
+            ) from error
+        except AttributeError as error:
+            expected = f"a module with the name {self.attribute}"
+            raise ConfigError(str(error), place=self.place, expected=expected) from error
+
+    @property
+    def place(self) -> str:
+        """The setting that chose it, for an error."""
+        return f"{self.kind.setting}={self.name}" if self.kind.setting else f"{self.kind.name}, {self.name}"
+
+
+def names(kind: Kind) -> list[str]:
+    """List the names of a kind's parts that are installed: ours first, and then those of packages."""
+    return [*kind.ours, *(name for name in sorted(_installed(kind)) if name not in kind.ours)]
+
+
+def parts(kind: Kind) -> list[Part]:
+    """Find all parts of a kind, in the order of `names`."""
+    return [find(kind, name) for name in names(kind)]
+
+
+def find(kind: Kind, name: str) -> Part:
+    """Find a part by its name, or by `FILE.py:CLASS`; nothing is imported.
+
+    Raises:
+        ConfigError: there is none of this name, there are several, or the file is not there.
+    """
+    if name in kind.ours:
+        module, _, attribute = kind.ours[name].partition(":")
+        return Part(kind=kind, name=name, module=module, attribute=attribute, origin="tacevo")
+    if match := _IN_FILE.fullmatch(name):
+        return _in_file(kind, Path(match["file"]), match["name"])
+    found = _installed(kind).get(name, ())
+    if len(found) == 1:
+        return _of(kind, found[0])
+    if found:
+        sellers = " and ".join(sorted(_of(kind, point).origin for point in found))
+        raise ConfigError(f"{name}, which {sellers} have", place=kind.setting, expected="a part of one package")
+    known = names(kind)
+    raise ConfigError(
+        repr(name),
+        place=kind.setting,
+        expected=f"one of {', '.join(known)}, or FILE.py:CLASS",
+        remedy=nearest(name, known, f"`tacevo parts {kind.name}` lists them"),
+    )
+
+
+def load(kind: Kind, name: str) -> Any:
+    """Find a part, and import it; errors are those of `find` and `Part.load`."""
+    return find(kind, name).load()
+
+
+def shadowed(kind: Kind) -> Sequence[Part]:
+    """Find the parts of installed packages that are never used, because one of ours has their name."""
+    return [_of(kind, point) for name in kind.ours for point in _installed(kind).get(name, ())]
+
+
+@cache
+def _installed(kind: Kind) -> dict[str, tuple[EntryPoint, ...]]:
+    """Return the entry points of a kind's group, by name."""
+    by_name: dict[str, tuple[EntryPoint, ...]] = {}
+    for point in entry_points(group=kind.group):
+        by_name[point.name] = (*by_name.get(point.name, ()), point)
+    return by_name
+
+
+def _of(kind: Kind, point: EntryPoint) -> Part:
+    distribution = point.dist
+    origin = "an unknown package" if distribution is None else f"{distribution.name} {distribution.version}"
+    return Part(kind=kind, name=point.name, module=point.module, attribute=point.attr, origin=origin)
+
+
+def _in_file(kind: Kind, file: Path, name: str) -> Part:
+    if not file.is_file():
+        raise ConfigError(str(file), place=kind.setting, expected="a file that is there")
+    return Part(kind=kind, name=name, module=file.stem, attribute=name, origin=str(file), file=file)
+
+
+def _from_file(name: str, file: Path) -> Any:
+    """Import a file as a module of a name that no other module has."""
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    spec = spec_from_file_location(f"tacevo_part_{name}", file)
+    assert spec is not None  # the file ends with .py
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _install(part: Part, missing: str) -> str:
+    if part.is_ours and part.name in part.kind.extras:
+        return f"`pip install '{part.kind.extras[part.name]}'` installs what it needs"
+    if part.is_ours and missing.startswith(("tacevo", "analysis")):
+        return "this installation was made without it: `pip install tacevo` has it"
+    return f"install {missing or 'it'}"
