@@ -21,6 +21,7 @@ from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from tacevo.config.arms import check_change, read_arm, split_arm
+from tacevo.config.chosen import check_parts
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
 from tacevo.config.plain import converted, from_plain, near
 from tacevo.config.schema import UNCHOSEN, RunConfig, keys
@@ -81,6 +82,7 @@ def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]
             check_change(choice, arm, _plain(composed))
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
         config = _with_prices_here(from_plain(_plain(composed)), overrides)
+        check_parts(config)
         without = [each for each in others if not _names_any(each, unused(config))]
         if len(without) < len(others) or "data" in arm:
             usual = composed_by("config", without)
