@@ -42,9 +42,9 @@ def replay(place: Opened, store: str | None, view: Progress) -> Verified:
 
 def verified_bundle(bundle: Opened, view: Progress) -> Verified:
     """Verify a bundle with the tables of the analysis."""
-    from tacevo.api.pages import table_files  # what computes tables takes two seconds to import
+    from tacevo.api.pages import can_make, table_files  # what computes tables takes two seconds to import
 
-    return verify(bundle, partial(table_files, say=view.say), view)
+    return verify(bundle, partial(table_files, say=view.say), view, can_make=can_make)
 
 
 def extended(published: Opened, overrides: Sequence[str], view: Progress) -> Result:

@@ -134,7 +134,11 @@ OUTPUTS = Kind(
     does="adds tables, figures or a section of the page",
     setting="",
     decides=False,
-    ours={},
+    ours={
+        "motifs": "analysis.tables.motifs:Motifs",
+        "images": "analysis.tables.images:ImageTests",
+        "transfer": "analysis.tables.transfer:Transfer",
+    },
 )
 
 COMMANDS = Kind(
