@@ -1,7 +1,7 @@
 """The outputs that are installed, ours and others, and what of ours is not."""
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -51,6 +51,12 @@ class Outputs:
         for part, output in self.known:
             with _blaming(part):
                 yield from output.study_tables(run, study)
+
+    def beside(self, runs: Sequence[RecordedRun]) -> Iterator[Table]:
+        """Make their tables that set runs beside what others published."""
+        for part, output in self.known:
+            with _blaming(part):
+                yield from output.beside(runs)
 
     def figures(self, run: "Collection") -> Iterator["Picture"]:
         """List their pictures of a run."""

@@ -10,7 +10,6 @@ from analysis.report.sweep_collection import SweepCollection, collect_sweep, swe
 from analysis.report.writing import INDEX
 from analysis.report.writing import table_files as files_of
 from analysis.table import Table
-from analysis.tables.published import beside_published
 from tacevo.bundles.verify import Rerun
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.runs.profiles import recall_profiles
@@ -62,14 +61,14 @@ def _tables(
         shown = collection_of(done.run, compared_studies(done.run, done.studies.values()))
         return _files(tables_of(shown, recall_profiles(done.run))), shown
     known = {done.run.path.name: done.run for done in runs}
-    beside = beside_published(list(known.values()))
+    beside = list(outputs(ours=True).beside(list(known.values())))
     try:
         swept = collect_sweep(directory, runs[0].run.stores, known=known)
     except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
         reason = str(error).replace(str(directory), "the sweep")
         say(f"no table or figure compares the arms: {reason}")
-        return _files([beside]), None
-    return _files([beside, *sweep_tables(swept)]), swept
+        return _files(beside), None
+    return _files([*beside, *sweep_tables(swept)]), swept
 
 
 def _files(tables: Iterable[Table]) -> dict[str, bytes]:

@@ -14,10 +14,8 @@ from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.errors import ConfigError, DataError
 from tacevo.reproduce.retrain import retrain
-from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
+from tacevo.results.looked_up import is_table, with_table
 from tacevo.results.settings import settings_of
-from tacevo.results.space_table import is_table, read_table
-from tacevo.results.table_files import with_table
 from tacevo.results.whereabouts import found_data
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
@@ -49,6 +47,9 @@ def run_replay(options: argparse.Namespace) -> int:
 
 def _replay_table(options: argparse.Namespace) -> int:
     """Verify the table of a space."""
+    from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
+    from tacevo.results.space_table import read_table
+
     if options.table is not None:
         raise ConfigError(options.table, place="--table", expected=f"no table: {options.run} is one itself")
     with Progress() as view:

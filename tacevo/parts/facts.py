@@ -121,6 +121,7 @@ OUTPUT_TABLES: Mapping[str, tuple[str, ...]] = {
     "motifs": ("motifs",),
     "images": ("ensembles", "image_outputs"),
     "transfer": ("transfer", "transfer_joint", "transfer_sensors"),
+    "published": ("published", "beside_published"),
 }
 
 #: The executor of this machine. All others run candidates elsewhere.

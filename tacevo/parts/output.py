@@ -38,6 +38,10 @@ class Output:
         """Make tables of one study of a run; the name of the study is put before theirs."""
         return ()
 
+    def beside(self, runs: Sequence[RecordedRun]) -> Sequence[Table]:
+        """Make tables that set runs, one or more, beside what others published."""
+        return ()
+
     def figures(self, run: Collection) -> Sequence[Picture]:
         """List pictures of a run."""
         return ()
