@@ -13,9 +13,9 @@ from tacevo.bundles.format import JOBS, SWEEP, read_bundle, refusing
 from tacevo.choices import Confinement
 from tacevo.errors import BundleError, RunError
 from tacevo.evolution.run_files import finished_digest
-from tacevo.results.looked_up import is_table
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
+from tacevo.results.table_header import is_table
 from tacevo.storage.array_store import KIND
 from tacevo.storage.members import Member
 from tacevo.storage.places import check_place

@@ -18,8 +18,8 @@ from tacevo.config.schema import RunConfig
 from tacevo.errors import BundleError, ConfigError, TacevoError
 from tacevo.records import Json, Record, Training, to_json
 from tacevo.results.grouped import in_groups
-from tacevo.results.looked_up import HEADER
 from tacevo.results.table_checks import check_data, check_rows, check_rules, damaged
+from tacevo.results.table_header import HEADER
 from tacevo.results.table_records import (
     CARD,
     DECISIVE,

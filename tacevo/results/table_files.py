@@ -5,8 +5,8 @@ from pathlib import Path
 
 from tacevo.config.conf_folder import conf_root
 from tacevo.errors import DataError, TacevoError
-from tacevo.results.looked_up import is_table
 from tacevo.results.space_table import read_table
+from tacevo.results.table_header import is_table
 
 #: Where tables lie below a working directory, or a checkout.
 TABLES = Path("cache", "tables")

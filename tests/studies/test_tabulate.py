@@ -22,9 +22,9 @@ from tacevo.records import Json, Reason, Rejection, Stage, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
-from tacevo.results.looked_up import is_table
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.space_table import card, check_networks, check_size, read_table, write_table
+from tacevo.results.table_header import is_table
 from tacevo.results.table_records import CARD, MANIFEST, SpaceTable, TableTraining
 from tacevo.rules import CURRENT, LIKE_TODAY, STUDY
 from tacevo.runs.estimate import describe_estimates, describe_time
