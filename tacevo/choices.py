@@ -179,7 +179,6 @@ class ParentPolicy(StrEnum):
     baseline = "baseline"
     trained = "trained"
     best_k = "best_k"
-    tournament = "tournament"
     none = "none"
 
 

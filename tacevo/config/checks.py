@@ -57,20 +57,6 @@ def check_together(config: RunConfig) -> None:
     check_device(config)
 
 
-def doubts_of_settings(config: RunConfig) -> list[str]:
-    """Say, a sentence each, what settings that are permitted together will not do."""
-    search, proposals = config.search, config.proposals
-    if search.generations == 0:
-        return []
-    pool = 1 + search.initial + search.candidates * (search.generations - 1)  # that the last generation draws from
-    if proposals.parents is not ParentPolicy.tournament or proposals.population < pool:
-        return []
-    return [
-        f"proposals.population={proposals.population} never ages: no generation has more than {pool} candidates before "
-        "it, so the tournaments are over all; proposals.population=20 proposals.tournament=5 suit a small search"
-    ]
-
-
 def check_device(config: RunConfig) -> None:
     """Raise ConfigError where executor, device, numerics and walls do not go together."""
     executor = config.executor

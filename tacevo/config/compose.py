@@ -23,6 +23,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
 from tacevo.config.plain import converted, from_plain, near
+from tacevo.config.removed import removed
 from tacevo.config.schema import UNCHOSEN, RunConfig, keys
 from tacevo.config.sources import DEVICE, check_used, is_elsewhere, is_of_data, unused, with_all_sensors
 from tacevo.config.study import NoiseConfig, StudyConfig
@@ -325,7 +326,7 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
     if unknown:
         # The cause names the key of a group that was set as a whole.
         name = max(unknown.group(1), getattr(error.__cause__, "full_key", None) or "", key=len)
-        return ConfigError("not a setting", place=name, remedy=near(name, names, command))
+        return removed(name) or ConfigError("not a setting", place=name, remedy=near(name, names, command))
     several = re.match(r"(?:Ambiguous value for argument|Sweep parameters) '(.*)'", lines[0])
     if several:
         each = "`tacevo search -m ...` runs a sweep of all values" if command == "search" else "call it for each"
@@ -345,7 +346,9 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
     said = [*itertools.takewhile(lambda line: not line.startswith("Config search path"), lines)]
     missing = re.search(r"Could not find '(.+)/([^/]*)'", said[0])
     if missing:
-        return ConfigError(missing.group(2), place=missing.group(1), expected=f"one of {', '.join(said[2:])}")
+        group, choice = missing.groups()
+        known = ", ".join(said[2:])
+        return removed(f"{group}={choice}") or ConfigError(choice, place=group, expected=f"one of {known}")
     return ConfigError(" ".join(said), place=getattr(error, "full_key", None) or "")
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
 
-from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, ParentPolicy, PromptPolicy
+from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, PromptPolicy
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash
@@ -29,9 +29,6 @@ def identity(config: RunConfig) -> dict[str, Json]:
     archive = {**written(settings), "kept": settings.kept, "reevaluated": settings.reevaluated}
     for name in _NO_EFFECT[settings.kind]:
         archive.pop(name, None)
-    proposals = written(config.proposals)
-    if config.proposals.parents is not ParentPolicy.tournament:
-        proposals = {name: value for name, value in proposals.items() if name not in {"population", "tournament"}}
     return {
         "seed": config.seed,
         "search": {"candidates": config.search.candidates, "initial": config.search.initial},
@@ -39,7 +36,7 @@ def identity(config: RunConfig) -> dict[str, Json]:
         "archive": archive,
         "temperature": written(config.temperature),
         "prompts": written(config.prompts),
-        "proposals": proposals,
+        "proposals": written(config.proposals),
         "training": written(config.training),
         "gate": written(config.gate),
         "numerics": config.numerics.kind.value,

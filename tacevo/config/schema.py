@@ -305,9 +305,6 @@ class ProposalsConfig(Record):
     operator_for: OperatorScope = OperatorScope.generation
     #: The part of the candidates that a surrogate, fitted to the search's own trainings, judges worst and skips.
     skipped: Annotated[float, Ge(0), Lt(1)] = 0.0
-    #: With `parents=tournament`: how many of the youngest trained candidates compete (Real et al., 2019).
-    population: Annotated[int, Ge(1), Le(10_000)] = 100
-    tournament: Annotated[int, Ge(1), Le(10_000)] = 25  #: draws that each parent wins
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -125,7 +125,7 @@ def propose(state: SearchState, plan: Plan) -> tuple[Job, ...]:
         plan.task,
         replace(settings, candidates=settings.candidates - len(again)),
         generation=state.generation,
-        elites=pool_of_parents(settings.parents, state.candidates, archive, population=settings.population),
+        elites=pool_of_parents(settings.parents, state.candidates, archive),
         prompts=state.prompts,
         temperature=state.temperature,
     )

@@ -60,9 +60,6 @@ class Settings:
     mutation_probability: float
     parents: ParentPolicy
     best: int
-    #: With tournaments: how many of the youngest candidates compete, and how many draws a parent wins.
-    population: int
-    tournament: int
     prompts: PromptPolicy
     #: Half-width of the uniform noise on a request's temperature.
     jitter: float
@@ -155,14 +152,11 @@ def plan_generation(
     )
 
 
-def pool_of_parents(
-    policy: ParentPolicy, candidates: Mapping[str, Candidate], elites: Archive, *, population: int
-) -> Sequence[Candidate]:
+def pool_of_parents(policy: ParentPolicy, candidates: Mapping[str, Candidate], elites: Archive) -> Sequence[Candidate]:
     """Return the candidates that the parents of a generation are drawn from; `draw_parents` then draws.
 
-    `trained`: all. `best_k`: the `fittest` of all, as many as there are elites. `tournament`: the last `population`
-    ones, so that a candidate leaves when it is the oldest, however fit it is (regularised evolution, Real, Aggarwal,
-    Huang and Le 2019, arXiv:1802.01548). Any other: the elites, in the order of their niches.
+    `trained`: all. `best_k`: the `fittest` of all, as many as there are elites. Any other: the elites, in the order of
+    their niches.
 
     The candidates are all that trained, at least one, by id and in the order of their slots.
     """
@@ -171,8 +165,6 @@ def pool_of_parents(
             return tuple(candidates.values())
         case ParentPolicy.best_k:
             return fittest(candidates.values(), len(elites.elites))
-        case ParentPolicy.tournament:
-            return tuple(candidates.values())[-population:]
         case _:
             return elites_of(candidates, elites)
 
@@ -201,14 +193,12 @@ def draw_parents(
     *,
     number: int,
     best: int,
-    tournament: int,
     rng: np.random.Generator,
 ) -> tuple[Candidate, ...]:
     """Draw different elites, or members of a control's pool, as parents.
 
     `best`: alike among the `best` fittest (at least as many as are drawn). `curiosity`: in proportion to curiosity.
-    `tournament`: the fittest of so many draws with replacement, the earlier in the pool on a tie (Real et al. 2019,
-    algorithm 1). Any other: all alike.
+    Any other: all alike.
 
     Raises:
         ValueError: there are fewer elites than parents to draw.
@@ -220,14 +210,10 @@ def draw_parents(
         pool = sorted(pool, key=lambda elite: (elite.fitness, elite.id))[: max(best, number)]
     drawn: list[Candidate] = []
     for _ in range(number):
-        match policy:
-            case ParentPolicy.curiosity:
-                index = draw_weighted([elite.curiosity for elite in pool], rng)
-            case ParentPolicy.tournament:
-                entrants = [int(rng.integers(len(pool))) for _ in range(tournament)]
-                index = min(entrants, key=lambda entrant: (pool[entrant].fitness, entrant))
-            case _:
-                index = int(rng.integers(len(pool)))
+        if policy is ParentPolicy.curiosity:
+            index = draw_weighted([elite.curiosity for elite in pool], rng)
+        else:
+            index = int(rng.integers(len(pool)))
         drawn.append(pool.pop(index))
     return tuple(drawn)
 
@@ -308,9 +294,7 @@ def _crossover(task: Task, settings: Settings, slot: _Slot, elites: Sequence[Can
 
 def _parents_of(settings: Settings, slot: _Slot, elites: Sequence[Candidate], number: int) -> tuple[Candidate, ...]:
     rng = stream(settings.seed, "parents", slot.generation, slot.number)
-    return draw_parents(
-        settings.parents, elites, number=number, best=settings.best, tournament=settings.tournament, rng=rng
-    )
+    return draw_parents(settings.parents, elites, number=number, best=settings.best, rng=rng)
 
 
 def _asking(

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 
 from tacevo.choices import DataSource, ExecutorKind, Tracking
-from tacevo.config.checks import doubts_of_settings
 from tacevo.config.identity import length
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
@@ -78,7 +77,7 @@ def search(config: RunConfig, view: Progress) -> Result:
     with start_zygote(config) as zygote:
         data = load_data(config, view)
         task = load_task(config, data.facts)
-        for doubt in (*doubts_of_settings(config), *doubts_of(config, task, data)):
+        for doubt in doubts_of(config, task, data):
             view.say(f"warning: {doubt}")
         return record(config, task, data, view, zygote=zygote, llm=llm)
 

@@ -90,8 +90,6 @@ def build_settings(config: RunConfig) -> Settings:
         mutation_probability=config.proposals.mutation_probability,
         parents=config.proposals.parents,
         best=config.proposals.best,
-        population=config.proposals.population,
-        tournament=config.proposals.tournament,
         prompts=config.prompts.policy,
         jitter=config.temperature.jitter,
         model=config.llm.name,

@@ -66,7 +66,7 @@ def planned(config: RunConfig, folder: Path) -> Plan:
     small = replace(config, archive=archive, search=search, store=store)
     plan = build_plan(small, fakes.TASK, facts_without_data(small), Mode.record)
     p_m = 1.0 if config.proposals.mutation_probability == 1 else 0.6
-    sizes = replace(plan.settings, mutation_probability=p_m, population=10, tournament=3)
+    sizes = replace(plan.settings, mutation_probability=p_m)
     return replace(plan, settings=replace(sizes, model="m", llm=()))  # random_sampling is composed for another model
 
 
@@ -276,7 +276,7 @@ def test_best_of_n_mutates_the_baseline_alone(folder: Path) -> None:
     assert all((one["prompt"], one["temperature"]) == (other["prompt"], other["temperature"]) for one, other in shared)
 
 
-@pytest.mark.parametrize("name", ["drift", "best_k", "regularised_evolution"])
+@pytest.mark.parametrize("name", ["drift", "best_k"])
 def test_control_differs_from_none_in_its_parents_alone(name: str, folder: Path) -> None:
     """Operators, prompts and temperatures are those of `none`, slot by slot; the archive only measures."""
     lines, recorder = searched(name, folder)
@@ -319,16 +319,6 @@ def test_best_k_parents_are_as_many_of_the_fittest_as_there_are_elites(folder: P
         limit = sorted({one.fitness or 0.0 for one in trained})[:elites][-1]
         assert all((one.fitness or 0.0) <= limit for one in trained if one.id in parents)
     assert recorder.lines != searched("none", folder)[1].lines
-
-
-def test_population_of_regularised_evolution_loses_its_oldest(folder: Path) -> None:
-    """Parents are among the ten youngest that were trained, so that even the best of all is left behind."""
-    _, recorder = searched("regularised_evolution", folder)
-    left = 0
-    for trained, _, parents in before_each_generation(recorder):
-        assert parents <= {one.id for one in trained[-10:]}
-        left += min(trained, key=lambda one: one.fitness or 0.0) not in trained[-10:]
-    assert left
 
 
 def test_random_sampling_has_no_parents(folder: Path) -> None:

@@ -81,8 +81,6 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "proposals.mutation_probability": [-0.1, 1.1, NAN],
     "proposals.skipped": [-0.1, 1.0, NAN],
     "proposals.best": [0],
-    "proposals.population": [0, 10_001],
-    "proposals.tournament": [0, 10_001],
     "proposals.repair_attempts": [-1],
     "training.epochs": [0],
     "training.batch_size": [1],
@@ -294,7 +292,6 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"llm.label"}  # which stands for the model, below
     listed |= {"llm.space"}  # which decides where there is one: tests/llm/grammar/test_space.py
     listed |= {"archive.kept", "archive.reevaluated"}  # which decide with archive.kind=best or extract only, below
-    listed |= {"proposals.population", "proposals.tournament"}  # which decide in a tournament only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
     listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}
     listed |= {"training.layout", "training.captured"}
@@ -314,8 +311,6 @@ def test_setting_that_decides_enters_the_identity(key: str) -> None:
     [
         ("archive.kept", 11, "archive.kind", {"cvt": False, "best": True, "extract": False}),
         ("archive.reevaluated", 0.5, "archive.kind", {"cvt": False, "best": False, "extract": True}),
-        ("proposals.population", 7, "proposals.parents", {"uniform": False, "tournament": True}),
-        ("proposals.tournament", 7, "proposals.parents", {"uniform": False, "tournament": True}),
     ],
 )
 def test_setting_decides_where_it_has_an_effect_only(

@@ -38,18 +38,16 @@ def archive(*names: str) -> Archive:
 
 
 @pytest.mark.parametrize(
-    ("policy", "population", "names"),
+    ("policy", "names"),
     [
-        *((policy, 4, "g4 g2 g0") for policy in (ParentPolicy.uniform, ParentPolicy.best, ParentPolicy.curiosity)),
-        (ParentPolicy.trained, 4, "g0 g1 g2 g3 g4 g5"),
-        (ParentPolicy.best_k, 4, "g1 g4 g0"),
-        (ParentPolicy.tournament, 4, "g2 g3 g4 g5"),
-        (ParentPolicy.tournament, 7, "g0 g1 g2 g3 g4 g5"),
+        *((policy, "g4 g2 g0") for policy in (ParentPolicy.uniform, ParentPolicy.best, ParentPolicy.curiosity)),
+        (ParentPolicy.trained, "g0 g1 g2 g3 g4 g5"),
+        (ParentPolicy.best_k, "g1 g4 g0"),
     ],
 )
-def test_pool_is_that_of_the_policy(policy: ParentPolicy, population: int, names: str) -> None:
-    """Elites by niche; all; the three fittest for three elites; the youngest, of whom none leaves before it is full."""
-    pool = pool_of_parents(policy, CANDIDATES, archive("g0", "g2", "g4"), population=population)
+def test_pool_is_that_of_the_policy(policy: ParentPolicy, names: str) -> None:
+    """Elites by niche; all; the three fittest for three elites."""
+    pool = pool_of_parents(policy, CANDIDATES, archive("g0", "g2", "g4"))
     assert " ".join(one.id for one in pool) == names
 
 
@@ -63,7 +61,7 @@ def test_fittest_are_different_ones(count: int, names: str) -> None:
 def test_more_parents_than_elites_are_refused() -> None:
     """Drawing two of one is an error."""
     with pytest.raises(ValueError, match="drawing 2 parents needs as many elites; got 1"):
-        draw_parents(ParentPolicy.uniform, ELITES[:1], number=2, best=1, tournament=1, rng=stream(0))
+        draw_parents(ParentPolicy.uniform, ELITES[:1], number=2, best=1, rng=stream(0))
 
 
 @pytest.mark.parametrize(
@@ -71,14 +69,13 @@ def test_more_parents_than_elites_are_refused() -> None:
     [
         (ParentPolicy.uniform, (1 / 4, 1 / 4, 1 / 4, 1 / 4)),
         (ParentPolicy.best, (0, 1 / 2, 1 / 2, 0)),  # the two fittest alike
-        (ParentPolicy.tournament, (3 / 16, 7 / 16, 5 / 16, 1 / 16)),  # of two draws with replacement
         (ParentPolicy.curiosity, (1 / 8, 1 / 8, 3 / 8, 3 / 8)),
     ],
 )
 def test_parents_come_as_often_as_their_policy_says(policy: ParentPolicy, shares: tuple[float, ...]) -> None:
     """Alike, by fitness, or in proportion to curiosity."""
     rng = stream(0, "parents")
-    drawn = (draw_parents(policy, ELITES, number=1, best=2, tournament=2, rng=rng) for _ in range(DRAWS))
+    drawn = (draw_parents(policy, ELITES, number=1, best=2, rng=rng) for _ in range(DRAWS))
     counts = Counter(parent.id for (parent,) in drawn)
     for elite, share in zip(ELITES, shares, strict=True):
         assert agrees(counts[elite.id], share, DRAWS) if share else elite.id not in counts
@@ -86,16 +83,8 @@ def test_parents_come_as_often_as_their_policy_says(policy: ParentPolicy, shares
 
 def test_best_are_at_least_as_many_as_are_drawn_and_ranked_by_id_on_a_tie() -> None:
     """A crossover with `best=1` takes the two fittest; the order of niches decides nothing."""
-    pair = draw_parents(ParentPolicy.best, ELITES, number=2, best=1, tournament=1, rng=stream(0))
+    pair = draw_parents(ParentPolicy.best, ELITES, number=2, best=1, rng=stream(0))
     assert {parent.id for parent in pair} == {"g00s01", "g00s02"}
     tied = [replace(elite, fitness=0.5) for elite in reversed(ELITES)]
-    (parent,) = draw_parents(ParentPolicy.best, tied, number=1, best=1, tournament=1, rng=stream(0))
+    (parent,) = draw_parents(ParentPolicy.best, tied, number=1, best=1, rng=stream(0))
     assert parent.id == "g00s00"
-
-
-def test_tie_of_a_tournament_is_won_by_the_earlier_one() -> None:
-    """The order of the pool decides, whoever is drawn first."""
-    tied = [replace(elite, fitness=0.5) for elite in ELITES[:2]]
-    for number in range(20):
-        drawn = draw_parents(ParentPolicy.tournament, tied, number=1, best=1, tournament=30, rng=stream(0, number))
-        assert drawn[0].id == "g00s00"

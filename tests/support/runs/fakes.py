@@ -66,8 +66,6 @@ def settings(**changes: object) -> Settings:
         "mutation_probability": 0.7,
         "parents": ParentPolicy.uniform,
         "best": 2,
-        "population": 8,
-        "tournament": 3,
         "prompts": PromptPolicy.uniform,
         "jitter": 0.1,
         "model": "fake-1",
