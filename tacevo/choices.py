@@ -152,36 +152,6 @@ class Scale(StrEnum):
     log = "log"
 
 
-class TemperatureRule(StrEnum):
-    """How the temperature moves from generation to generation."""
-
-    paper = "paper"
-    fixed = "fixed"
-    stall = "stall"
-
-
-class PromptPolicy(StrEnum):
-    """How instructions are drawn, and whether the prompt archive exists."""
-
-    uniform = "uniform"
-    curiosity = "curiosity"
-    #: By what each did to the loss of its children so far.
-    effect = "effect"
-    none = "none"
-
-
-class ParentPolicy(StrEnum):
-    """Who the parents are: elites, or in controls other trained candidates, the baseline, or nobody (`none`)."""
-
-    uniform = "uniform"
-    best = "best"
-    curiosity = "curiosity"
-    baseline = "baseline"
-    trained = "trained"
-    best_k = "best_k"
-    none = "none"
-
-
 class OperatorScope(StrEnum):
     """What one draw of the operator holds for."""
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import AXES, CoverageMap, coverage_map, effective_niches, fullest_tenth, reachable
 from analysis.runs.dynamics import by_prompt, mutations, progress, repeats
-from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
+from tacevo.choices import Axis, BoundsRule, Scale
 from tacevo.evolution.lines import TEMPERATURE, gate_stages
 from tacevo.results.copies import copies
 from tacevo.results.run import RecordedRun, descriptors_of
@@ -238,7 +238,7 @@ def _of_temperature(run: RecordedRun) -> Iterator[Alarm]:
             figures={"requests": missed},
         )
         return
-    if run.config.temperature.rule is TemperatureRule.fixed:
+    if run.config.temperature.rule == "fixed":
         return
     only_rises = not run.config.archive.reevaluations(run.config.search.candidates)
     rule = "; the paper's own rule can only raise it (docs/paper.md)" if only_rises else ""

@@ -21,6 +21,7 @@ from tacevo.results.summary import summarise
 from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
+from tacevo.storage.run_directory import PARTS
 from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory, naming
 from tacevo.studies.study import replay_studies
@@ -58,7 +59,11 @@ class Verified:
 
 
 def verify(
-    bundle: Opened, make_tables: Callable[[Path, Sequence[Rerun]], Mapping[str, bytes]], view: Progress
+    bundle: Opened,
+    make_tables: Callable[[Path, Sequence[Rerun]], Mapping[str, bytes]],
+    view: Progress,
+    *,
+    trusts: bool = False,
 ) -> Verified:
     """Replay a bundle from its own store entries, and compare everything that follows from them.
 
@@ -72,7 +77,7 @@ def verify(
     assert bundle.root is not None  # of a directory, nothing is compared that a manifest would list
     read: set[Path] = set()
     with refusing():
-        runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add), view)
+        runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add, trusts=trusts), view)
         _check_entries(bundle.store, read)
         tables = files_below(bundle.root / "tables")
         if current := all(run.pages == PAGES for run in runs):
@@ -86,7 +91,9 @@ def verify(
     )
 
 
-def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | None = None) -> Rerun:
+def rerun_published(
+    bundle: Opened, run: Path, view: Progress, *, seen: Seen | None = None, trusts: bool = False
+) -> Rerun:
     """Run one run of a bundle again, as `rerun`; nothing in its records is believed.
 
     Raises:
@@ -94,7 +101,7 @@ def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | N
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
     with refusing():
-        checked = rerun(bundle.read(run), view, seen=seen)
+        checked = rerun(bundle.read(run), view, seen=seen, trusts=trusts)
         _check_files(run, checked)
         check_texts(checked.run, checked.studies.values())
         return checked
@@ -116,8 +123,10 @@ def rerun_all(place: Opened, again: Callable[[Path], Rerun], view: Progress) -> 
     return tuple(done)
 
 
-def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:
+def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None, trusts: bool = False) -> Rerun:
     """Run a search and its studies again, and compare all of its own files; `seen` gets every store entry that is read.
+
+    `trusts` is as of `replay`.
 
     Raises:
         TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
@@ -125,7 +134,7 @@ def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Reru
     check_sizes(run)
     if run.stores_found:
         view.say(run.stores_found)
-    replayed = replay(run, view, seen=seen)
+    replayed = replay(run, view, seen=seen, trusts=trusts)
     studies = replay_studies(run, view, seen=seen)
     with doubting(run.record.versions):  # a summary is its version's
         check_records(run, replayed)
@@ -222,6 +231,7 @@ def _check_files(run: Path, checked: Rerun) -> None:
     kept = {
         "the ledger": ({path.name for path in run.glob("candidates/*")}, checked.replayed.files),
         "a study of this run": ({path.name for path in run.glob("studies/*")}, checked.studies.keys()),
+        "a part that decided": ({path.name for path in run.glob(f"{PARTS}/*")}, checked.run.config.code.keys()),
     }
     for what, (there, known) in kept.items():
         for name in sorted(there - known):

@@ -229,6 +229,15 @@ def _part(text: str) -> float:
     raise argparse.ArgumentTypeError(f"expected a number between 0 and 1, such as 0.1 for 10 %; got {text}")
 
 
+def add_trust(parser: Parser) -> None:
+    """Add the option that lets a run's own parts decide."""
+    parser.add_argument(
+        "--trust-parts",
+        action="store_true",
+        help="let parts that the run's user brought decide again, by their recorded sources in confined processes",
+    )
+
+
 def add_replay(parser: Parser) -> None:
     """Describe `tacevo replay`."""
     parser.description = (
@@ -256,6 +265,7 @@ def add_replay(parser: Parser) -> None:
         help="then train the candidates again and compare every bit; with N the best network, the networks of studies, "
         "and N others that are drawn at random",
     )
+    add_trust(parser)
     parser.add_argument(
         "--draw", type=whole_number, metavar="SEED", help="draw the N as an earlier replay did, which told its seed"
     )
@@ -294,6 +304,7 @@ def add_extend(parser: Parser) -> None:
         "overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; a larger search.generations is needed"
     )
     parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")
+    add_trust(parser)
     add_config_dir(parser)
     parser.set_defaults(command=_later("reproduce", "extend"))
 

@@ -19,24 +19,24 @@ from tacevo.choices import (
     ExecutorKind,
     Numerics,
     OperatorScope,
-    ParentPolicy,
     Provider,
     Scale,
     SimulatedSensor,
     SplitRule,
     SystemTurn,
 )
+from tacevo.config.parts import check_parts, constant
 from tacevo.config.schema import (
     ArchiveConfig,
     DataConfig,
     LLMConfig,
-    ProposalsConfig,
     RunConfig,
     TaskConfig,
     TrainingConfig,
     deliveries,
 )
 from tacevo.errors import ConfigError
+from tacevo.parts.kinds import PARENTS
 from tacevo.records import Kind, Loss, Mode, to_json
 
 
@@ -52,7 +52,8 @@ def check_together(config: RunConfig) -> None:
     _check_sampling(config.llm)
     _check_archive(config.archive)
     _check_reevaluations(config)
-    _check_proposals(config.proposals)
+    check_parts(config)
+    _check_proposals(config)
     _check_parents(config)
     check_device(config)
 
@@ -200,9 +201,10 @@ def _check_reevaluations(config: RunConfig) -> None:
     _check_that(bound is None, "search.training_flops", f"null {why}, whose re-evaluations it lacks", bound)
 
 
-def _check_proposals(proposals: ProposalsConfig) -> None:
+def _check_proposals(config: RunConfig) -> None:
+    proposals = config.proposals
     p_m, parents = proposals.mutation_probability, proposals.parents
-    crosses = parents not in {ParentPolicy.baseline, ParentPolicy.none} or p_m == 1
+    crosses = constant(config, PARENTS, "crosses") or p_m == 1
     why = f"with proposals.parents={parents}, where a crossover lacks a second parent"
     _check_that(crosses, "proposals.mutation_probability", f"1 {why}", p_m)
     drawn = proposals.operator_for is OperatorScope.generation or 0 < p_m < 1
@@ -213,9 +215,9 @@ def _check_proposals(proposals: ProposalsConfig) -> None:
 def _check_parents(config: RunConfig) -> None:
     """Check what the controls need: a provider that draws networks, and niches whose elites are counted."""
     parents, provider, kind = config.proposals.parents, config.llm.provider, config.archive.kind
-    draws = parents is not ParentPolicy.none or provider is Provider.grammar
+    draws = constant(config, PARENTS, "has_parents") or provider is Provider.grammar
     why = "which cannot draw a network at random: llm=grammar can"
     _check_that(draws, "proposals.parents", f"another one with llm={provider}, {why}", parents)
-    counts = parents is not ParentPolicy.best_k or kind is not ArchiveKind.best
+    counts = not constant(config, PARENTS, "counts_elites") or kind is not ArchiveKind.best
     why = "which has no niches to count elites in"
     _check_that(counts, "proposals.parents", f"another one with archive.kind={kind}, {why}", parents)

@@ -4,7 +4,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
 
-from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, PromptPolicy
+from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind
+from tacevo.config.parts import parts_identity
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash
@@ -40,6 +41,7 @@ def identity(config: RunConfig) -> dict[str, Json]:
         "training": written(config.training),
         "gate": written(config.gate),
         "numerics": config.numerics.kind.value,
+        **({"parts": parts} if (parts := parts_identity(config)) else {}),
     }
 
 
@@ -92,8 +94,8 @@ def twins_of(arm: str | None, pairs: Iterable[tuple[str, str]]) -> list[str]:
 
 def _recording(config: RunConfig) -> str:
     """Hash a configuration, as if it recorded prompts where it does not."""
-    if config.prompts.policy is PromptPolicy.none:
-        config = replace(config, prompts=replace(config.prompts, policy=PromptPolicy.uniform))
+    if config.prompts.policy == "none":
+        config = replace(config, prompts=replace(config.prompts, policy="uniform"))
     return config_hash(config)
 
 

@@ -18,7 +18,6 @@ from dataclasses import asdict, replace
 from fractions import Fraction
 from typing import TypeVar
 
-from tacevo.choices import PromptPolicy
 from tacevo.errors import ConfigError
 from tacevo.evolution.archive import AddStatus, Elite, Growing, Individual, coverage, qd_score
 from tacevo.evolution.descriptors import describe
@@ -31,19 +30,19 @@ from tacevo.evolution.lines import (
     source_hash,
     with_result,
 )
-from tacevo.evolution.prompts import FAILED, Trial, curiosity
+from tacevo.evolution.prompts import FAILED, curiosity
 from tacevo.evolution.proposals import (
     Candidate,
     Proposal,
     elites_of,
-    next_temperature,
     plan_generation,
     plan_initial,
-    pool_of_parents,
 )
 from tacevo.evolution.reevaluation import Estimates, Reevaluation, compete_again, plan_reevaluations
 from tacevo.evolution.state import LedgerWriter, Observer, Plan, SearchState
 from tacevo.evolution.surrogate import features, skips
+from tacevo.evolution.temperatures import clip
+from tacevo.parts import Generation, Population, Trial
 from tacevo.records import Operator, Rejection, Task, Training, to_json
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
@@ -124,8 +123,9 @@ def propose(state: SearchState, plan: Plan) -> tuple[Job, ...]:
     asked = plan_generation(
         plan.task,
         replace(settings, candidates=settings.candidates - len(again)),
-        generation=state.generation,
-        elites=pool_of_parents(settings.parents, state.candidates, archive),
+        population=Population(
+            generation=state.generation, candidates=state.candidates, elites=elites_of(state.candidates, archive)
+        ),
         prompts=state.prompts,
         temperature=state.temperature,
     )
@@ -165,7 +165,10 @@ def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome)
         id=proposal.id,
         source=admitted.source,
         fitness=fitness,
+        losses=result.validation_losses,
+        parameters=admitted.profile.learnt,
         flops=admitted.profile.training_flops,
+        parents=proposal.parents,
         curiosities=Fraction(score),
         features=features(admitted.profile) if plan.skipped else {},
     )
@@ -203,13 +206,20 @@ def close(
     Generation 0 leaves T_1 as it is: there is no generation before it to compare with. `trained` counts first answers
     only, as the paper has it; repaired ones are counted apart, where any answer was sent back.
     """
-    temperature = state.temperature
-    if state.generation > 0:
-        temperature = next_temperature(
-            plan.temperature_rule, temperature, best=state.best, best_before=before.best, step=plan.temperature_step
-        )
     lines = [line for line in folded if isinstance(line, CandidateLine)]
     fitnesses = [line.fitness for line in lines if line.fitness is not None]
+    temperature = state.temperature
+    if state.generation > 0:
+        ended = Generation(
+            number=state.generation,
+            temperature=temperature,
+            best=state.best,
+            best_before=before.best,
+            candidates=len(lines),
+            trained=len(fitnesses),
+            inserted=sum(line.inserted for line in lines),
+        )
+        temperature = clip(plan.temperature.next(ended))
     repaired = sum(line.fitness is not None for line in lines if line.repairs)
     line = GenerationLine(
         generation=state.generation,
@@ -237,7 +247,7 @@ def _record_prompt(
     state: SearchState, plan: Plan, line: CandidateLine, score: float
 ) -> tuple[SearchState, CandidateLine]:
     """Let a mutation's prompt configuration compete in A_P; the mutations of generation 0 come before it begins."""
-    if plan.settings.prompts is PromptPolicy.none or line.prompt is None or line.generation == 0:
+    if not plan.settings.prompts.records or line.prompt is None or line.generation == 0:
         return state, line
     trial = Trial(prompt=line.prompt, temperature=state.temperature, inserted=line.inserted, curiosity=score)
     prompts, niche, status = state.prompts.record(
@@ -248,8 +258,8 @@ def _record_prompt(
 
 # Not part of the paper's algorithm.
 def _with_effect(state: SearchState, plan: Plan, line: CandidateLine) -> SearchState:
-    """Let the policy `effect` learn what an instruction did to the loss of its child."""
-    if plan.settings.prompts is not PromptPolicy.effect or line.prompt is None or line.skipped:
+    """Learn what an instruction did to the loss of its child."""
+    if line.prompt is None or line.skipped:
         return state
     parent = state.candidates.get(line.parents[0])
     if parent is None or not 0 < parent.fitness < math.inf or line.fitness == 0:

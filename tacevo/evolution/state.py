@@ -5,13 +5,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tacevo.choices import PAPER_AXES, Axis, FitnessRule, Scale, TemperatureRule
+from tacevo.choices import PAPER_AXES, Axis, FitnessRule, Scale
 from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.lines import SearchLine, training_flops
 from tacevo.evolution.prompts import PromptArchive
 from tacevo.evolution.proposals import Candidate, Settings
 from tacevo.evolution.reevaluation import Estimates
+from tacevo.parts import Temperature
 from tacevo.records import Task
 
 
@@ -45,9 +46,8 @@ class Plan:
     #: The network archive to begin with: empty, with fixed bounds or none.
     archive: NetworkArchive
     eff_ratio_scale: Scale
-    temperature_rule: TemperatureRule
+    temperature: Temperature
     temperature_start: float
-    temperature_step: float
     #: How often an answer that the gate rejected is sent back.
     repairs: int = 0
     #: What ends the search before generation G.

@@ -120,8 +120,14 @@ class Parents:
     has_parents: ClassVar[bool] = True
     #: Whether a crossover can have two different parents.
     crosses: ClassVar[bool] = True
-    #: Whether it counts elites, which an archive without niches has as many of as it keeps networks.
+    #: Whether it counts elites, of which an archive without niches has as many as it keeps networks.
     counts_elites: ClassVar[bool] = False
+    #: Whether it has a `pool` of its own; nobody sets this.
+    chooses_pool: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        """Note whether the class says itself who may be drawn."""
+        cls.chooses_pool = cls.pool is not Parents.pool
 
     def pool(self, population: Population) -> Sequence[Candidate]:
         """Return the candidates of which parents are drawn in one generation; by default the elites.

@@ -21,6 +21,9 @@ class Kind:
     decides: bool
     #: Ours, by name: `module:attribute`.
     ours: Mapping[str, str]
+    #: The class of `tacevo.parts` that one of a user's extends, and the constants of that class which others look at.
+    base: str = ""
+    constants: tuple[str, ...] = ()
     #: What installs the libraries that one of ours needs, where `pip install tacevo` does not.
     extras: Mapping[str, str] = field(default_factory=dict)
 
@@ -67,7 +70,17 @@ PARENTS = Kind(
     does="chooses who the parents of the next candidates are",
     setting="proposals.parents",
     decides=True,
-    ours={},
+    ours={
+        "uniform": "tacevo.evolution.parents:Uniform",
+        "best": "tacevo.evolution.parents:Best",
+        "curiosity": "tacevo.evolution.parents:Curious",
+        "baseline": "tacevo.evolution.parents:Baseline",
+        "trained": "tacevo.evolution.parents:Trained",
+        "best_k": "tacevo.evolution.parents:BestK",
+        "none": "tacevo.evolution.parents:Nobody",
+    },
+    base="Parents",
+    constants=("has_parents", "crosses", "counts_elites", "chooses_pool"),
 )
 
 PROMPTS = Kind(
@@ -75,7 +88,14 @@ PROMPTS = Kind(
     does="draws the instruction of a mutation",
     setting="prompts.policy",
     decides=True,
-    ours={},
+    ours={
+        "uniform": "tacevo.evolution.instructions:Uniform",
+        "curiosity": "tacevo.evolution.instructions:Curious",
+        "effect": "tacevo.evolution.instructions:Effect",
+        "none": "tacevo.evolution.instructions:Unrecorded",
+    },
+    base="Prompts",
+    constants=("records",),
 )
 
 TEMPERATURES = Kind(
@@ -83,7 +103,12 @@ TEMPERATURES = Kind(
     does="sets the sampling temperature of the next generation",
     setting="temperature.rule",
     decides=True,
-    ours={},
+    ours={
+        "paper": "tacevo.evolution.temperatures:Paper",
+        "fixed": "tacevo.evolution.temperatures:Fixed",
+        "stall": "tacevo.evolution.temperatures:Stall",
+    },
+    base="Temperature",
 )
 
 ARCHIVES = Kind(
@@ -92,6 +117,7 @@ ARCHIVES = Kind(
     setting="archive.kind",
     decides=True,
     ours={},
+    base="Archive",
 )
 
 DESCRIPTORS = Kind(
@@ -100,6 +126,7 @@ DESCRIPTORS = Kind(
     setting="archive.axes",
     decides=True,
     ours={},
+    base="Descriptor",
 )
 
 FITNESS = Kind(
@@ -108,6 +135,7 @@ FITNESS = Kind(
     setting="training.fitness",
     decides=True,
     ours={},
+    base="Fitness",
 )
 
 OUTPUTS = Kind(

@@ -17,6 +17,10 @@ from tacevo.parts.registry import Part
 MOST_BYTES, MOST_FILES = 1_000_000, 200
 
 
+#: Sources by their hash: a configuration names a part by that, and the run writes them into its directory.
+_REMEMBERED: dict[str, dict[str, str]] = {}
+
+
 @dataclass(frozen=True, slots=True)
 class _Import:
     """An import statement."""
@@ -57,6 +61,16 @@ def read_sources(part: Part) -> dict[str, str]:
                         "and no file",
                     )
     return {name: texts[name] for name in sorted(texts)}
+
+
+def remember(sha256: str, sources: Mapping[str, str]) -> None:
+    """Keep the sources of a part in this process, by the hash that a configuration records of them."""
+    _REMEMBERED[sha256] = dict(sources)
+
+
+def recalled(sha256: str) -> Mapping[str, str] | None:
+    """Return the sources of a hash, where composing has read them in this process."""
+    return _REMEMBERED.get(sha256)
 
 
 def _root(part: Part) -> tuple[Path, str]:

@@ -12,6 +12,7 @@ from typing import Self
 
 from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
 from tacevo.config.identity import identity, task_hash
+from tacevo.config.parts import constant
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.sources import are_grouped
 from tacevo.costs import Spending
@@ -41,6 +42,7 @@ from tacevo.evolution.run_files import (
     read_finished,
     rules_of,
 )
+from tacevo.parts.kinds import PROMPTS
 from tacevo.records import DataFacts, to_json
 from tacevo.results.settings import read_settings
 from tacevo.results.whereabouts import found_data
@@ -225,6 +227,11 @@ class RecordedRun:
     def fitness_in_words(self) -> str:
         """What a recorded fitness is."""
         return drawn(self.seeds, or_more=self.config.archive.kind is ArchiveKind.extract)
+
+    @property
+    def has_prompts(self) -> bool:
+        """Whether it has a prompt archive."""
+        return constant(self.config, PROMPTS, "records")
 
     @property
     def has_niches(self) -> bool:

@@ -19,6 +19,7 @@ from tacevo.evolution.proposals import plan_initial
 from tacevo.llm.prices import likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Mode, Task, to_json
 from tacevo.runs.datasets import source_of
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.looked_up import table_of
 from tacevo.runs.pace import Measure, Pace, Saving, growth, measure, part_saved, training_images, trainings
 from tacevo.runs.progress import LONG, told_saving
@@ -62,7 +63,7 @@ def estimate(config: RunConfig) -> Estimate:
         StoreError: a recorded completion is damaged.
     """
     task = load_task(config, _facts(config))
-    settings = build_settings(config)
+    settings = build_settings(config, Parts.of(config, Decisions(None)))
     store = Store(Path(config.store.root), "completions", Mode.record)
     search = config.search
     planned = plan_initial(task, settings, mutations=search.initial, temperature=config.temperature.start)

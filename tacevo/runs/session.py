@@ -29,13 +29,14 @@ from tacevo.results.summary import evaluated, in_short, summarise
 from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data, trivial_of
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.doubts import doubts_of
 from tacevo.runs.pace import part_saved, trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.usable import UsableAnswers
-from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
+from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote, stores_of
 from tacevo.sandbox.client import RunJob, Zygote
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
@@ -103,17 +104,37 @@ def record(
     run: RunJob | None = None,
     zygote: Zygote | None = None,
     llm: LLM | None = None,
+    parts_of: Path | None = None,
 ) -> Result:
     """Run a search into its run directory, or resume the one that was begun there.
 
     `begun` is the ledger of another run that this one continues; the search is compared with its lines as with those
-    of a stopped run. `run`, `zygote` and `llm` are as of `Workbench`.
+    of a stopped run. `run`, `zygote` and `llm` are as of `Workbench`. The sources of parts that a user brought are
+    those of the run `parts_of`, or else those that composing read.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
     """
+    with Decisions(stores_of(config).of("decisions", Mode.record)) as decisions:
+        parts = Parts.of(config, decisions, parts_of)
+        return _record(config, task, data, view, parts, begun=begun, run=run, zygote=zygote, llm=llm)
+
+
+def _record(
+    config: RunConfig,
+    task: Task,
+    data: Dataset,
+    view: Progress,
+    parts: Parts,
+    *,
+    begun: Sealed[Line] | None,
+    run: RunJob | None,
+    zygote: Zygote | None,
+    llm: LLM | None,
+) -> Result:
+    """Run a search, as `record` does, with the parts that decide in it."""
     facts = data.facts
-    plan = build_plan(config, task, facts, Mode.record)
+    plan = build_plan(config, task, facts, Mode.record, parts=parts)
     header = run_header(config, task, facts, plan, CURRENT)
     decisive: list[Json] = [written(header), *length(config).values()]
     directory = RunDirectory(_run_path(config, decisive))
@@ -123,6 +144,8 @@ def record(
         remove_leftovers_in_stores(Path(config.store.root))
         trivial = trivial_of(config, task, data)
         _begin(directory, config, task, facts, trivial)
+        for name, sources in parts.sources.items():
+            directory.keep_part(name, sources)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         least = "the least that the same answer to every validation image can have"
         view.say(f"trivial loss: {significant(trivial)}, {least}")

@@ -28,6 +28,7 @@ from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, EAGER, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import examples_of, held_out_of
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.looked_up import LookedUp, probes_of, table_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, RunJob, Sandbox, Score, Zygote
@@ -46,23 +47,34 @@ from tacevo.typed import convert
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 
 
-def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, stores: Stores | None = None) -> Plan:
-    """Turn a configuration into the plan of a search; the centroids come from `stores`, or from the configured ones."""
+def build_plan(
+    config: RunConfig,
+    task: Task,
+    facts: DataFacts,
+    mode: Mode,
+    *,
+    stores: Stores | None = None,
+    parts: Parts | None = None,
+) -> Plan:
+    """Turn a configuration into the plan of a search; the centroids come from `stores`, or from the configured ones.
+
+    Without `parts`, decisions of those that a user brought are not kept.
+    """
+    parts = parts or Parts.of(config, Decisions(None))
     archive = config.archive
     store = (stores or stores_of(config)).of("centroids", mode)
     bounds = _fixed_bounds(archive)
     return Plan(
         task=task,
-        settings=build_settings(config),
+        settings=build_settings(config, parts),
         generations=config.search.generations,
         initial=config.search.initial,
         networks=_places(archive, store),
         prompts=_tessellation(archive, archive.prompt_niches, 2, store),
         archive=NetworkArchive(bounds=bounds, fixed=bounds is not None),
         eff_ratio_scale=archive.eff_ratio_scale,
-        temperature_rule=config.temperature.rule,
+        temperature=parts.temperature(),
         temperature_start=config.temperature.start,
-        temperature_step=config.temperature.step,
         repairs=config.proposals.repair_attempts,
         skipped=config.proposals.skipped,
         budget=_budget(config, facts),
@@ -82,15 +94,14 @@ def _budget(config: RunConfig, facts: DataFacts) -> Budget | None:
     return Budget(flops=flops, images=train, epochs=config.training.epochs, seeds=config.training.seeds)
 
 
-def build_settings(config: RunConfig) -> Settings:
+def build_settings(config: RunConfig, parts: Parts) -> Settings:
     """Turn a configuration into the settings of its proposals."""
     return Settings(
         seed=config.seed,
         candidates=config.search.candidates,
         mutation_probability=config.proposals.mutation_probability,
-        parents=config.proposals.parents,
-        best=config.proposals.best,
-        prompts=config.prompts.policy,
+        parents=parts.parents(),
+        prompts=parts.prompts(),
         jitter=config.temperature.jitter,
         model=config.llm.name,
         max_tokens=config.llm.max_tokens,

@@ -4,7 +4,8 @@ What it promises: a decision follows from the part's recorded sources, its setti
 hangs, raises, or decides by a clock or a generator of its own is an error that names it, and never a decision.
 """
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -13,7 +14,6 @@ from tacevo.errors import PartError
 from tacevo.parts.kinds import Kind
 from tacevo.records import Json, Limits, Record
 from tacevo.sandbox.client import AnswerError, Died, Sandbox
-from tacevo.storage.canonical import canonical, content_hash
 from tacevo.typed import UncheckedJson
 
 #: What one decision may take.
@@ -35,16 +35,9 @@ class Recorded:
     name: str
     module: str
     attribute: str
-    #: The class of `tacevo.parts` that it extends.
-    base: str
     #: Texts by file (`tacevo.parts.sources.read_sources`).
     sources: Mapping[str, str]
     settings: Mapping[str, Json] = field(default_factory=dict)
-
-    @property
-    def sha256(self) -> str:
-        """What names its code: the hash of its sources, with the name of its class; 64 hex digits."""
-        return content_hash({"module": self.module, "attribute": self.attribute, "sources": dict(self.sources)})
 
     @property
     def place(self) -> str:
@@ -104,7 +97,7 @@ class PartProcess:
             "sources": dict(part.sources),
             "module": part.module,
             "attribute": part.attribute,
-            "base": part.base,
+            "base": part.kind.base,
             "settings": dict(part.settings),
             "method": method,
             "given": given,
@@ -125,12 +118,5 @@ class PartProcess:
 
 
 def _brief(value: Json, limit: int = 80) -> str:
-    text = canonical(value)
+    text = json.dumps(value)
     return text if len(text) <= limit else f"{text[: limit - 3]}..."
-
-
-def names_of(answer: Json) -> Sequence[str] | None:
-    """Return an answer that is a list of texts; else None."""
-    if isinstance(answer, list) and all(isinstance(one, str) for one in answer):
-        return [str(one) for one in answer]
-    return None

@@ -29,7 +29,6 @@ from analysis.table import Table
 from analysis.tables.comparison import margin_in_words
 from analysis.tables.dynamics import reestimated
 from analysis.tables.rendering import numeric_columns
-from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
@@ -88,7 +87,7 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
     """
     collection, tables = given.collection, given.tables
     run, task = collection.run, collection.run.record.task
-    has_prompts = run.config.prompts.policy is not PromptPolicy.none
+    has_prompts = run.has_prompts
     reached = reachable_prompt_niches(run, collection.niches.prompts) if has_prompts else frozenset()
     return {
         "name": run.name,
