@@ -47,6 +47,19 @@ class Decisions:
     def __exit__(self, *_: object) -> None:
         self._process.close()
 
+    def check(self, part: Recorded, constants: Mapping[str, bool]) -> None:
+        """Compare the recorded constants of a part's class with those that its recorded sources have, where trusted.
+
+        Raises:
+            DivergenceError: they differ.
+        """
+        if self.trusts:
+            told = self._process.ask(part, "describe", {"constants": list(constants)})
+            now = told.get("constants") if isinstance(told, Mapping) else None
+            if now != constants:
+                expected = f"{canonical(now)}, as its recorded sources have"
+                raise DivergenceError(canonical(dict(constants)), place=f"{part.place}, its class", expected=expected)
+
     def ask(self, part: Recorded, method: str, given: Json) -> Json:
         """Return the decision of a part.
 
@@ -120,6 +133,7 @@ class Parts:
             sources=self.sources[name],
             settings=dict(self.config.parts.get(name, {})),
         )
+        self.decisions.check(part, dict(code.constants))
         return type(brought.__name__, (brought,), dict(code.constants))(part, self.decisions)
 
 

@@ -15,7 +15,7 @@ import pytest
 from checkout import ROOT
 from refusals import refused
 
-from tacevo.choices import Axis, Provider, Scale, TemperatureRule
+from tacevo.choices import Axis, Provider, Scale
 from tacevo.config.arms import check_change, parse_arm, read_arm, split_arm
 from tacevo.config.compose import compose
 from tacevo.config.conf_folder import groups
@@ -30,6 +30,7 @@ from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.evolution.proposals import Proposal, plan_initial
 from tacevo.evolution.state import Plan
 from tacevo.records import Mode, written
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.wiring import build_plan, build_settings
 from tacevo.storage.ledger import Ledger
 
@@ -106,7 +107,7 @@ def test_what_an_arm_is_not_about_stays_the_users() -> None:
     """Beside an arm's own settings, those of the command line hold."""
     config = arm("fixed_temperature", "temperature=stall", "temperature.start=0.3", "seed=7")
     settings = (config.temperature.rule, config.temperature.start, config.seed, config.llm.provider)
-    assert settings == (TemperatureRule.fixed, 0.3, 7, Provider.anthropic)
+    assert settings == ("fixed", 0.3, 7, Provider.anthropic)
     assert arm("extract", "archive.axes=[arch_div]").archive.axes == (Axis.arch_div,)
 
 
@@ -185,7 +186,7 @@ def test_every_arm_begins_with_the_generation_0_of_none(name: str) -> None:
     """Request for request; all but the model that is asked, or the first temperature, where an arm is about it."""
 
     def asked(config: RunConfig) -> tuple[Proposal, ...]:
-        settings = replace(build_settings(config), model="m", llm=())
+        settings = replace(build_settings(config, Parts.of(config, Decisions(None))), model="m", llm=())
         start = 0.6 if name in OTHER_START else config.temperature.start
         return plan_initial(fakes.TASK, settings, mutations=10, temperature=start)
 

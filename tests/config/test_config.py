@@ -289,6 +289,7 @@ DECIDES_NOTHING: dict[str, Any] = {
 def test_every_setting_decides_or_does_not() -> None:
     """A new setting must be put into one of the two lists; data enter by their fingerprint, tasks by their text."""
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
+    listed |= {"parts", "code"}  # what a user brought: tests/parts
     listed |= {"llm.label"}  # which stands for the model, below
     listed |= {"llm.space"}  # which decides where there is one: tests/llm/grammar/test_space.py
     listed |= {"archive.kept", "archive.reevaluated"}  # which decide with archive.kind=best or extract only, below

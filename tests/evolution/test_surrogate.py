@@ -12,9 +12,9 @@ import pytest
 from sklearn.linear_model import Ridge
 from sklearn.preprocessing import StandardScaler
 
-from tacevo.choices import PromptPolicy
 from tacevo.evolution.algorithm import propose
 from tacevo.evolution.development import Job, develop
+from tacevo.evolution.instructions import Effect
 from tacevo.evolution.lines import CandidateLine, GenerationLine, gate_stages, skipped_note, source_hash
 from tacevo.evolution.proposals import Candidate
 from tacevo.evolution.reevaluation import Reevaluation
@@ -137,7 +137,7 @@ def test_skipped_answer_is_not_sent_back_and_a_repaired_one_can_be_skipped() -> 
 
 def test_instruction_is_not_blamed_for_a_skipped_child() -> None:
     """Under `effect` the archive of prompts learns of every trained or failed child, and of no other."""
-    plan = replace(PLAN, settings=replace(PLAN.settings, prompts=PromptPolicy.effect))
+    plan = replace(PLAN, settings=replace(PLAN.settings, prompts=Effect()))
     _, recorder = fakes.search(plan, evaluate=fakes.evaluate)
     pairs = list(zip(recorder.states, recorder.states[1:], recorder.lines[1:], strict=False))
     skipped = [(before, after) for before, after, line in pairs if isinstance(line, CandidateLine) and line.skipped]

@@ -21,6 +21,7 @@ from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError
 from tacevo.evolution.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.estimate import describe_cost, describe_estimates, describe_time, estimate
 from tacevo.runs.pace import GROWTH, Pace, growth, measure, part_saved, training_images, trainings, trainings_at_once
 from tacevo.runs.providers import load_prices
@@ -59,7 +60,12 @@ def first_requests(overrides: list[str]) -> list[Request]:
     """Write the requests of generation 0, as a search would."""
     config = compose(overrides)
     task = load_task(config, facts_without_data(config))
-    planned = plan_initial(task, build_settings(config), mutations=config.search.initial, temperature=0.6)
+    planned = plan_initial(
+        task,
+        build_settings(config, Parts.of(config, Decisions(None))),
+        mutations=config.search.initial,
+        temperature=0.6,
+    )
     return [proposal.request for proposal in planned if proposal.request is not None]
 
 

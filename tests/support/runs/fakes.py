@@ -8,7 +8,8 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from tacevo.choices import ParentPolicy, PromptPolicy, Scale, TemperatureRule
+from tacevo.choices import Scale
+from tacevo.evolution import instructions, parents
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import NetworkArchive, Tessellation, find_centroids
 from tacevo.evolution.development import Effects, Evaluate, Outcome
@@ -16,6 +17,8 @@ from tacevo.evolution.lines import SearchLine
 from tacevo.evolution.proposals import Settings
 from tacevo.evolution.run_files import line_kind
 from tacevo.evolution.state import Plan, SearchState
+from tacevo.evolution.temperatures import Paper
+from tacevo.parts import Temperature
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.records import (
     Completion,
@@ -64,9 +67,8 @@ def settings(**changes: object) -> Settings:
         "seed": 0,
         "candidates": 6,
         "mutation_probability": 0.7,
-        "parents": ParentPolicy.uniform,
-        "best": 2,
-        "prompts": PromptPolicy.uniform,
+        "parents": parents.Uniform(),
+        "prompts": instructions.Uniform(),
         "jitter": 0.1,
         "model": "fake-1",
         "max_tokens": 100,
@@ -74,7 +76,7 @@ def settings(**changes: object) -> Settings:
     return Settings(**{**values, **changes})  # type: ignore[arg-type]
 
 
-def plan(*, generations: int = 4, rule: TemperatureRule = TemperatureRule.paper, **changes: object) -> Plan:
+def plan(*, generations: int = 4, rule: Temperature | None = None, **changes: object) -> Plan:
     """Return a small plan; `changes` go to its settings."""
     return Plan(
         task=TASK,
@@ -85,9 +87,8 @@ def plan(*, generations: int = 4, rule: TemperatureRule = TemperatureRule.paper,
         prompts=PROMPTS,
         archive=NetworkArchive(),
         eff_ratio_scale=Scale.linear,
-        temperature_rule=rule,
+        temperature=rule or Paper(step=0.05),
         temperature_start=0.6,
-        temperature_step=0.05,
     )
 
 
