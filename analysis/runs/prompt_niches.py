@@ -12,13 +12,10 @@ from tacevo.results.run import RecordedRun
 def reachable_temperatures(run: RecordedRun) -> frozenset[float]:
     """Return every T_g that a trial of the run could have had, with any fitness that its generations found.
 
-    A generation brings a better best or the same; where elites are trained again, it can also be worse. Trials begin
-    with generation 1, at T_1; the noise of a request does not enter the prompt archive.
+    A generation brings a better best or the same. Trials begin with generation 1, at T_1; the noise of a request does
+    not enter the prompt archive.
     """
     settings = run.config.temperature
-    bests = [0.5, 1.0]
-    if run.config.archive.reevaluations(run.config.search.candidates):
-        bests.append(1.5)
     reached: set[float] = set()
     current = {settings.start}
     for _ in range(run.generations[-1].generation):
@@ -26,7 +23,7 @@ def reachable_temperatures(run: RecordedRun) -> frozenset[float]:
         current = {
             next_temperature(settings.rule, before, best=best, best_before=1.0, step=settings.step)
             for before in current
-            for best in bests
+            for best in (0.5, 1.0)
         }
     return frozenset(reached)
 

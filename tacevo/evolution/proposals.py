@@ -3,7 +3,6 @@
 Pure: `plan_initial` and `plan_generation` turn the state of a search into proposals, by named random streams.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -132,11 +131,10 @@ def plan_generation(
     from it. Without parents (`none`) every slot asks for a network at random.
 
     The generation is g >= 1, the temperature T_g. The elites are in the order of their niches, or what a control has in
-    their place (`pool_of_parents`); the proposals are in the order of their slots. Where all elites failed when
-    they were trained again, the baseline is the parent.
+    their place (`pool_of_parents`); the proposals are in the order of their slots.
     """
     parents = elites
-    if settings.parents is ParentPolicy.baseline or not elites:
+    if settings.parents is ParentPolicy.baseline:
         parents = [_founder(task)]
     pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
     numbers = range(settings.candidates)
@@ -178,12 +176,11 @@ def fittest(candidates: Iterable[Candidate], count: int) -> tuple[Candidate, ...
     """Return the candidates of least loss, best first, at most `count`.
 
     Of several exactly as fit only the first one counts, as in an archive without niches (`archive.TopK`): a network
-    that comes twice is one network. One that failed when it was trained again, of infinite loss, does not count.
+    that comes twice is one network.
     """
     first: dict[float, Candidate] = {}
     for candidate in candidates:
-        if math.isfinite(candidate.fitness):
-            first.setdefault(candidate.fitness, candidate)
+        first.setdefault(candidate.fitness, candidate)
     return tuple(first[fitness] for fitness in sorted(first)[:count])
 
 
@@ -224,9 +221,8 @@ def next_temperature(
     """Return the temperature of the next generation, T_{g+1}.
 
     `paper` is the formula as printed: up when the archive best is not worse than before, else down; an archive's
-    best never gets worse, so it only ever rises, except where elites are trained again
-    (`tacevo.evolution.reevaluation`): that can take the best away. `stall` raises it only when the generation brought
-    no better best, and lowers it when it did. `fixed` leaves it alone.
+    best never gets worse, so it only ever rises. `stall` raises it only when the generation brought no better best, and
+    lowers it when it did. `fixed` leaves it alone.
 
     The temperature is T_g, `best` and `best_before` are f*_g and f*_{g-1}, the archive's best fitness (lower is better)
     after this generation and the one before, and `step` is eta. Temperatures and eta are in [0, 1].
