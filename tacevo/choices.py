@@ -117,14 +117,10 @@ OPTIONAL_SAMPLING = {
 
 
 class ArchiveKind(StrEnum):
-    """What the network archive keeps: the best of every niche (`cvt`), or the best of all (`best`).
-
-    `extract` keeps the best of every niche too, and trains elites again with other seeds (Extract-ME).
-    """
+    """What the network archive keeps: the best of every niche (`cvt`), or the best of all (`best`)."""
 
     cvt = "cvt"
     best = "best"
-    extract = "extract"
 
 
 class Axis(StrEnum):

@@ -240,13 +240,11 @@ def _of_temperature(run: RecordedRun) -> Iterator[Alarm]:
         return
     if run.config.temperature.rule == "fixed":
         return
-    only_rises = not run.config.archive.reevaluations(run.config.search.candidates)
-    rule = "; the paper's own rule can only raise it (docs/paper.md)" if only_rises else ""
     for limit, count in Counter(line.temperature for line in run.generations if line.temperature in (0, 1)).items():
         if count >= STUCK and run.generations[-1].temperature == limit:
             yield Alarm(
                 name="stuck temperature",
                 sentence=f"The temperature ended at its limit of {limit:g} and was there for {count} generations"
-                f"{rule}.",
+                "; the paper's own rule can only raise it (docs/paper.md).",
                 figures={"limit": limit, "generations": count},
             )

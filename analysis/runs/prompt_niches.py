@@ -15,24 +15,19 @@ from tacevo.results.run import RecordedRun
 def reachable_temperatures(run: RecordedRun) -> frozenset[float]:
     """Return every T_g that a trial of the run could have had, with any fitness that its generations found.
 
-    A generation brings a better best or the same; where elites are trained again, it can also be worse. Trials begin
-    with generation 1, at T_1; the noise of a request does not enter the prompt archive. Of a rule that a user brought,
-    nobody knows what else it could have said: these are the temperatures that it had.
+    A generation brings a better best or the same. Trials begin with generation 1, at T_1; the noise of a request does
+    not enter the prompt archive. Of a rule that a user brought, nobody knows what else it could have said: these are
+    the temperatures that it had.
     """
     settings = run.config.temperature
     if settings.rule not in TEMPERATURES.ours:
         return frozenset(line.temperature for line in run.generations[1:])
     rule = made(TEMPERATURES, settings.rule, settings)
-    bests = [0.5, 1.0]
-    if run.config.archive.reevaluations(run.config.search.candidates):
-        bests.append(1.5)
     reached: set[float] = set()
     current = {settings.start}
     for _ in range(run.generations[-1].generation):
         reached |= current
-        current = {
-            clip(rule.next(_ended(before, best))) for before in current for best in bests
-        }
+        current = {clip(rule.next(_ended(before, best))) for before in current for best in (0.5, 1.0)}
     return frozenset(reached)
 
 

@@ -207,7 +207,7 @@ def _distinct_runs(pilots: Sequence[RecordedSweep]) -> list[tuple[RecordedSweep,
 
 def _epochs(run: RecordedRun) -> int:
     """Return the epochs of all trainings of a search, further ones of elites and failed ones included."""
-    trainings = {line.evaluation for line in (*run.candidates, *run.reevaluations)} - {None}
+    trainings = {line.evaluation for line in run.candidates} - {None}
     return len(trainings) * run.seeds * run.config.training.epochs
 
 

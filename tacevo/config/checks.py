@@ -51,7 +51,6 @@ def check_together(config: RunConfig) -> None:
     _check_llm(config.llm)
     _check_sampling(config.llm)
     _check_archive(config.archive)
-    _check_reevaluations(config)
     check_parts(config)
     _check_proposals(config)
     _check_parents(config)
@@ -187,18 +186,6 @@ def _check_archive(archive: ArchiveConfig) -> None:
         pair = getattr(archive, key)
         _check_that(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
         _check_that(pair[0] > least, f"archive.{key}", "low > 0 with archive.eff_ratio_scale=log", pair)
-
-
-def _check_reevaluations(config: RunConfig) -> None:
-    if config.archive.kind is not ArchiveKind.extract:
-        return
-    slots, bound = config.search.candidates, config.search.training_flops
-    why = "with archive.kind=extract"
-    _check_that(slots >= 2, "search.candidates", f"at least 2 {why}, one of which trains an elite again", slots)
-    least = math.ceil(1e6 / slots) / 1e6  # rounded up: it must itself be accepted
-    expected = f"at least {least:g}, one slot of search.candidates={slots}, {why}"
-    _check_that(config.archive.reevaluations(slots) >= 1, "archive.reevaluated", expected, config.archive.reevaluated)
-    _check_that(bound is None, "search.training_flops", f"null {why}, whose re-evaluations it lacks", bound)
 
 
 def _check_proposals(config: RunConfig) -> None:

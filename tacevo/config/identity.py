@@ -10,13 +10,6 @@ from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash
 
-#: Archive settings without effect, by archive kind. Early releases had no `archive.kind`: their archive was `cvt`.
-_NO_EFFECT = {
-    ArchiveKind.cvt: ("kind", "kept", "reevaluated"),
-    ArchiveKind.best: ("reevaluated",),
-    ArchiveKind.extract: ("kept",),
-}
-
 
 def identity(config: RunConfig) -> dict[str, Json]:
     """Return the part of a configuration that decides a run's results, for its ledger.
@@ -26,10 +19,9 @@ def identity(config: RunConfig) -> dict[str, Json]:
     is watched, does not enter. Settings that came later enter only where they are set, so that a run without them
     stays the run it was.
     """
-    settings = config.archive
-    archive = {**written(settings), "kept": settings.kept, "reevaluated": settings.reevaluated}
-    for name in _NO_EFFECT[settings.kind]:
-        archive.pop(name, None)
+    archive = {**written(config.archive), "kept": config.archive.kept}
+    if config.archive.kind is ArchiveKind.cvt:  # the only one of early releases, which had neither setting
+        del archive["kind"], archive["kept"]
     return {
         "seed": config.seed,
         "search": {"candidates": config.search.candidates, "initial": config.search.initial},

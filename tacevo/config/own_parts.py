@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tacevo.config.parts import DECIDING, code_hash
+from tacevo.config.removed import removed
 from tacevo.errors import ConfigError, PartError
 from tacevo.parts.kinds import KINDS, Kind
 from tacevo.parts.registry import Part, find, names
@@ -141,7 +142,12 @@ def check_setting(found: Iterable[OwnPart], name: str, setting: str) -> None:
 
 
 def _named(plain: Mapping[str, Any], kind: Kind) -> list[Part]:
-    return [find(kind, name) for name in _named_here(plain, kind)]
+    found = []
+    for name in _named_here(plain, kind):
+        if error := removed(f"{kind.setting}={name}"):
+            raise error
+        found.append(find(kind, name))
+    return found
 
 
 def _named_here(plain: Mapping[str, Any], kind: Kind) -> list[str]:

@@ -28,13 +28,19 @@ class _Setting:
 
 _AGEING = "set proposals.parents=best_k, which selects as strongly without niches"
 
+_EXTRACT = "set archive.kind=cvt, and train elites again after the search: `tacevo noise run=...`"
+
 _SETTINGS = {
+    "archive.reevaluated": _Setting(behind="kept", instead=_EXTRACT),
     "proposals.population": _Setting(behind="skipped", instead=_AGEING),
     "proposals.tournament": _Setting(behind="population", instead=_AGEING),
 }
 
 #: Values of settings, and choices of groups.
 _VALUES = {
+    "archive.kind=extract": _EXTRACT,
+    "archive=extract": "choose archive=cvt, and train elites again after the search: `tacevo noise run=...`",
+    "ablation=extract": "choose ablation=none, and train elites again after the search: `tacevo noise run=...`",
     "proposals.parents=tournament": _AGEING,
     "ablation=regularised_evolution": "compare with ablation=best_k, which selects as strongly without niches",
 }

@@ -198,19 +198,11 @@ class ArchiveConfig(Record):
     arch_div_bounds: tuple[float, ...]
     eff_ratio_bounds: tuple[float, ...]  #: of the other descriptor, with `bounds=fixed`
     eff_ratio_scale: Scale  #: of its axis
-    kind: ArchiveKind = ArchiveKind.cvt  #: niches, the best networks, or niches whose elites are trained again
+    kind: ArchiveKind = ArchiveKind.cvt  #: niches, or the best networks
     #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
     kept: OneToMillion = 10
-    #: With `kind=extract`: the part of a generation's slots that train elites again, rounded down to whole slots.
-    reevaluated: Share = 0.25
     #: The axes of the networks' niches.
     axes: tuple[Axis, ...] = PAPER_AXES
-
-    def reevaluations(self, candidates: int) -> int:
-        """Return how many of a generation's slots train elites again, at most: whole ones."""
-        if self.kind is not ArchiveKind.extract:
-            return 0
-        return int(round(self.reevaluated * candidates, 9))  # 0.29 x 100 is 28.999999999999996
 
 
 #: Stands for a model's name in an estimate of a search whose model is not chosen.

@@ -12,12 +12,8 @@ from tacevo.choices import FitnessRule
 from tacevo.errors import CacheMissError
 from tacevo.evolution.prompts import repair_request
 from tacevo.evolution.proposals import Proposal
-from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Operator, Rejection, Request, Training
-
-#: A slot of a generation.
-Job = Proposal | Reevaluation
 
 #: Trains a source with the training seed of a number, from 0; a candidate that fails is a value.
 Evaluate = Callable[[str, int], Training | Rejection]
@@ -47,7 +43,7 @@ class Effects:
     admit: Callable[[Completion, str], Admitted | Rejection]
     #: The gate, for the task's baseline.
     inspect: Callable[[str], Admitted | Rejection]
-    #: Its probe alone, for a source that the gate admitted before: an elite, or a given network.
+    #: Its probe alone, for a source that the gate admitted before: a given network.
     measure: Callable[[str], Admitted | Rejection]
     evaluate: Evaluate
     #: Names the training of a source with the seed of a number in its store.
@@ -69,8 +65,8 @@ class Attempt:
 class Outcome:
     """What became of a proposal."""
 
-    proposal: Job
-    #: The last answer; None for the baseline, a given network and an elite, which no model was asked for.
+    proposal: Proposal
+    #: The last answer; None for the baseline and a given network, which no model was asked for.
     completion: Completion | None
     #: None where the gate rejected the answer.
     admitted: Admitted | None
@@ -97,7 +93,7 @@ class Outcome:
 
 
 def develop(
-    proposals: Sequence[Job],
+    proposals: Sequence[Proposal],
     effects: Effects,
     *,
     repairs: int,
@@ -110,8 +106,8 @@ def develop(
     All requests are made at once, and each answer goes through the gate as soon as it arrives. Of the admitted
     candidates that wait, the one with most FLOPs is trained first, so that a generation does not end with one worker at
     a long training and the others idle; equal sources are trained once with each seed. What the gate rejected is sent
-    back together when the gate is done, up to `repairs` times. A candidate is trained with the first `seeds` seeds, an
-    elite with the next ones; of several, the one of the median fitness stands for it. An answer of the model that
+    back together when the gate is done, up to `repairs` times. A candidate is trained with the first `seeds` seeds;
+    of several, the one of the median fitness stands for it. An answer of the model that
     `skips` names is not trained.
 
     Raises:
@@ -155,7 +151,7 @@ def _answers(asked: Mapping[int, "_Slot"], llm: LLM) -> Iterator[tuple[int, Comp
         raise
 
 
-def _name_slot(error: CacheMissError, proposal: Job) -> None:
+def _name_slot(error: CacheMissError, proposal: Proposal) -> None:
     error.place = f"generation {proposal.generation}, slot {proposal.slot}, {error.place}"
 
 
@@ -185,22 +181,21 @@ class _Trainings:
 
     def __init__(self, effects: Effects, seeds: Sequence[int], skips: Callable[[Admitted], bool]) -> None:
         self._effects = effects
-        self._first = seeds
+        self._seeds = seeds
         self._skips = skips
         self._lock = threading.Lock()
         self._known: dict[tuple[str, int], Future[_Trained]] = {}
         #: A heap of what no worker has begun: FLOPs, negative; a number that decides ties; source and seed.
         self._waiting: list[tuple[int, int, tuple[str, int]]] = []
 
-    def add(self, admitted: Admitted, proposal: Job) -> Mapping[int, Future[_Trained]]:
+    def add(self, admitted: Admitted, proposal: Proposal) -> Mapping[int, Future[_Trained]]:
         """Have a candidate trained with its seeds; return what will come of it, by the number of the seed.
 
-        Nothing comes of a skipped one. What a user gave, and what is trained again, is not skipped.
+        Nothing comes of a skipped one. What a user gave is not skipped.
         """
         if proposal.request is not None and self._skips(admitted):
             return {}
-        seeds = proposal.seeds if isinstance(proposal, Reevaluation) else self._first
-        return {seed: self._add(admitted, seed) for seed in seeds}
+        return {seed: self._add(admitted, seed) for seed in self._seeds}
 
     def _add(self, admitted: Admitted, seed: int) -> Future[_Trained]:
         """Have a candidate trained with one seed; equal sources share one training."""
@@ -230,8 +225,8 @@ class _Trainings:
 class _Slot:
     """How far a slot of a generation has come: what is asked, what was answered, what the gate made of it."""
 
-    proposal: Job
-    #: What a model is asked; None for the baseline, a given network and an elite.
+    proposal: Proposal
+    #: What a model is asked; None for the baseline and a given network.
     request: Request | None
     #: The answers that were sent back before.
     attempts: tuple[Attempt, ...] = ()
@@ -271,7 +266,7 @@ def _gate(slot: _Slot, completion: Completion | None, effects: Effects) -> Admit
     if completion is not None:
         messages = () if slot.request is None else slot.request.messages
         return effects.admit(completion, "\n".join(message.content for message in messages if message.role == "user"))
-    if isinstance(proposal, Proposal) and proposal.operator is Operator.baseline:
+    if proposal.operator is Operator.baseline:
         return effects.inspect(proposal.source)
     return effects.measure(proposal.source)
 

@@ -8,13 +8,11 @@ import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, ClassVar, Literal, Self
 
 from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import AddStatus, AxisBounds
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
-
-T = TypeVar("T", bound="TrainedLine")
 
 #: The sampling setting that a search adapts.
 TEMPERATURE = "temperature"
@@ -60,12 +58,11 @@ class SeedLine(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrainedLine(Record):
-    """What came of the trainings of a slot."""
+class CandidateLine(Record):
+    """What became of one slot of a generation."""
 
     generation: int
     slot: int
-    #: Of the candidate.
     id: str
     #: SHA-256 of the source; None where the gate rejected the candidate.
     source: str | None = None
@@ -90,19 +87,6 @@ class TrainedLine(Record):
     seed: int = 0
     #: All trainings in the order of their seeds, where there are several; () of a rejected candidate.
     seeds: tuple[SeedLine, ...] = ()
-
-    def by_seed(self) -> tuple[Self, ...]:
-        """Return a line for each training that this one records, with what is that training's."""
-        if not self.seeds:
-            return (self,)
-        names = [field.name for field in fields(SeedLine)]
-        return tuple(replace(self, **{name: getattr(one, name) for name in names}) for one in self.seeds)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CandidateLine(TrainedLine):
-    """What became of one slot of a generation that asked for a network."""
-
     operator: Operator
     parents: tuple[str, ...]
     #: Number of the instruction; None for crossovers, and where no model was asked.
@@ -137,6 +121,13 @@ class CandidateLine(TrainedLine):
 
     LATER: ClassVar[frozenset[str]] = frozenset({"skipped"})
 
+    def by_seed(self) -> tuple[Self, ...]:
+        """Return a line for each training that this one records, with what is that training's."""
+        if not self.seeds:
+            return (self,)
+        names = [field.name for field in fields(SeedLine)]
+        return tuple(replace(self, **{name: getattr(one, name) for name in names}) for one in self.seeds)
+
     @property
     def sent_temperature(self) -> float | None:
         """The temperature that the request was sent with; None where none was, as for the baseline.
@@ -155,17 +146,6 @@ class CandidateLine(TrainedLine):
     def inserted(self) -> bool:
         """Whether the network archive took the candidate when it came."""
         return self.status in {AddStatus.new, AddStatus.improved}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReevaluationLine(TrainedLine):
-    """What became of one slot of a generation that trained an elite again; `id` is the elite's."""
-
-    #: The median of all losses of its source, by which it competes from now on; None where a training of it failed.
-    estimate: float | None = None
-    #: Whether it is still the elite of its niche.
-    kept: bool = False
-    kind: Literal["reevaluation"] = "reevaluation"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,8 +172,6 @@ class GenerationLine(Record):
     prompt_archive: str
     #: None where no answer was sent back.
     repaired: int | None = None
-    #: Slots that trained an elite again; they are not among the candidates. None where there were none.
-    reevaluated: int | None = None
     #: Candidates whose first answer a surrogate skipped; None where there were none.
     skipped: int | None = None
     kind: Literal["generation"] = "generation"
@@ -221,7 +199,7 @@ class GateStage:
 
 
 #: What a search itself commits.
-SearchLine = CandidateLine | ReevaluationLine | GenerationLine
+SearchLine = CandidateLine | GenerationLine
 
 
 def source_hash(source: str) -> str:
@@ -229,7 +207,7 @@ def source_hash(source: str) -> str:
     return hashlib.sha256(source.encode()).hexdigest()
 
 
-def with_training(line: T, training: Training, rule: FitnessRule) -> T:
+def with_training(line: CandidateLine, training: Training, rule: FitnessRule) -> CandidateLine:
     """Return a line with what its training gave."""
     return replace(line, fitness=rule.of(training.validation_losses), **of_training(training))
 
@@ -247,14 +225,14 @@ def of_training(training: Training) -> dict[str, Any]:
 
 
 def with_result(
-    line: T,
+    line: CandidateLine,
     result: Training | Rejection,
     *,
     seed: int,
     trainings: Mapping[int, Training],
     keys: Mapping[int, str],
     rule: FitnessRule,
-) -> T:
+) -> CandidateLine:
     """Return a line with what gate and training found; values are as of `tacevo.evolution.development.Outcome`."""
     line = replace(line, seed=seed, evaluation=keys.get(seed))
     if isinstance(result, Rejection):
@@ -274,8 +252,7 @@ def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: i
 
     Args:
         trained: what names a network (its source, or the hash of it), and the forward FLOPs that its probe counted for
-            one image in training mode, >= 0. An elite that is trained again with other seeds has another name each
-            time. Trainings that failed are not among them: where they stopped is not known.
+            one image in training mode, >= 0. Trainings that failed are not among them: where they stopped is not known.
         images: of the training split, in every epoch.
         epochs: of every training.
         seeds: trainings of a network.

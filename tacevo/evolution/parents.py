@@ -1,6 +1,5 @@
 """Who the parents of a generation may be: the paper's rules, and those of controls; pure (`tacevo.parts.Parents`)."""
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -86,12 +85,11 @@ def fittest(candidates: Iterable[C], count: int) -> tuple[C, ...]:
     """Return the candidates of least loss, best first, at most `count`.
 
     Of several exactly as fit only the first one counts, as in an archive without niches (`archive.TopK`): a network
-    that comes twice is one network. One that failed when it was trained again, of infinite loss, does not count.
+    that comes twice is one network.
     """
     first: dict[float, C] = {}
     for candidate in candidates:
-        if math.isfinite(candidate.fitness):
-            first.setdefault(candidate.fitness, candidate)
+        first.setdefault(candidate.fitness, candidate)
     return tuple(first[fitness] for fitness in sorted(first)[:count])
 
 

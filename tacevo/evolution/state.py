@@ -11,7 +11,6 @@ from tacevo.evolution.development import Outcome
 from tacevo.evolution.lines import SearchLine, training_flops
 from tacevo.evolution.prompts import PromptArchive
 from tacevo.evolution.proposals import Candidate, Settings
-from tacevo.evolution.reevaluation import Estimates
 from tacevo.parts import Temperature
 from tacevo.records import Task
 
@@ -56,8 +55,6 @@ class Plan:
     fitness: FitnessRule = FitnessRule.last
     #: Training seeds of a candidate, odd; its fitness is the median of theirs.
     seeds: int = 1
-    #: How many slots of a generation train elites again instead of asking for networks, at most.
-    reevaluations: int = 0
     #: The part of the networks that a surrogate judges worst, and that are not trained, in [0, 1).
     skipped: float = 0.0
     #: The axes of the network archive.
@@ -77,9 +74,7 @@ class SearchState:
     prompts: PromptArchive = field(default_factory=PromptArchive)
     #: Every evaluated candidate, by id.
     candidates: Growing[str, Candidate] = field(default_factory=Growing)
-    #: What is known of each source; empty unless elites are trained again.
-    estimates: Estimates = field(default_factory=Estimates)
-    #: f*: the best fitness of the network archive. Only an archive whose elites are trained again can lose its best.
+    #: f*: the best fitness of the network archive.
     best: float = math.inf
 
     def is_past(self, plan: Plan) -> bool:

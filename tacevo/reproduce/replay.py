@@ -7,7 +7,6 @@ from tacevo.costs import Spending, spending_on, total
 from tacevo.environment import deviations, doubting, versions
 from tacevo.errors import DivergenceError
 from tacevo.evolution.development import Outcome
-from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.run_files import NETWORKS, PROMPTS, NetworkArchiveFile
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Mode, Rejection
@@ -120,8 +119,6 @@ class _Verifier(Watcher):
         Raises:
             DivergenceError: the file was edited, or is missing.
         """
-        if isinstance(outcome.proposal, Reevaluation):  # whose source is kept under the elite's name
-            return
         name = outcome.proposal.id
         self.spending[name] = spending_on(outcome.completions)
         if outcome.admitted is not None:

@@ -13,7 +13,7 @@ from typing import TypeVar
 from tacevo.choices import DataSource, Device, Numerics
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
-from tacevo.evolution.lines import TrainedLine, of_training
+from tacevo.evolution.lines import CandidateLine, of_training
 from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.results.run import RecordedRun
@@ -40,7 +40,7 @@ _COMPUTING = ("torch", "numpy")
 T = TypeVar("T")
 
 #: A training with the first run that has it.
-Evaluation = tuple[RecordedRun, TrainedLine]
+Evaluation = tuple[RecordedRun, CandidateLine]
 
 
 def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Progress) -> str:
@@ -93,7 +93,7 @@ def decisive(runs: Iterable[RecordedRun]) -> set[str]:
         for study in map(StudyDirectory.read, studies_of(run.path)):
             if study.terms is not None and study.digest is not None and study.run == run.digest:
                 networks.update(network.source for network in study.networks)
-        trained = (line for line in run.ledger.lines if isinstance(line, TrainedLine) and line.source in networks)
+        trained = (line for line in run.ledger.lines if isinstance(line, CandidateLine) and line.source in networks)
         keys.update(one.evaluation for line in trained for one in line.by_seed() if one.evaluation is not None)
     return keys
 
@@ -118,19 +118,19 @@ def evaluations(runs: Sequence[RecordedRun]) -> list[Evaluation]:
     """List the evaluations of all runs whose outcome does not depend on the machine's speed or memory.
 
     Each is listed once, with the first run and line that have it; of several seeds each has its own line
-    (`TrainedLine.by_seed`).
+    (`CandidateLine.by_seed`).
     """
     pairs: dict[str, Evaluation] = {}
     for run in runs:
         check_known("training", run.rules.training, TRAININGS, run.directory.path)
         for line in run.ledger.lines:
-            for one in line.by_seed() if isinstance(line, TrainedLine) else ():
+            for one in line.by_seed() if isinstance(line, CandidateLine) else ():
                 if one.evaluation is not None and one.reason not in BY_MACHINE:
                     pairs.setdefault(one.evaluation, (run, one))
     return list(pairs.values())
 
 
-def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, name: str) -> None:
+def _retrain(run: RecordedRun, lines: Sequence[CandidateLine], view: Progress, name: str) -> None:
     """Train candidates of one run again, by its rules, and compare; `name` stands before a candidate's id."""
     config = run.with_data
     check_confinement(config.sandbox.require)
@@ -153,7 +153,7 @@ def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, nam
             view.say(f"{name}{line.id}{seed}: as recorded ({number} of {len(lines)})")
 
 
-def describe(lines: Sequence[TrainedLine], of: int, choice: str, did: str = "trained") -> str:
+def describe(lines: Sequence[CandidateLine], of: int, choice: str, did: str = "trained") -> str:
     """Say what was compared, for a person: these of so many evaluations, how they were chosen, and what was done."""
     trained = [line for line in lines if line.stage is None]
     lacking = [name for name in _FIELDS if any(getattr(line, name) is None for line in trained)]
@@ -175,7 +175,7 @@ def sampled(keys: Sequence[T], count: int, seed: int) -> list[T]:
     return [keys[place] for place in sorted(places.tolist())]
 
 
-def difference(line: TrainedLine, result: Training | Rejection) -> str | None:
+def difference(line: CandidateLine, result: Training | Rejection) -> str | None:
     """Name the first field in which a recomputed evaluation differs from its ledger line, with both values.
 
     Fields that the line does not have are passed over.
@@ -223,7 +223,7 @@ def _differ(what: str, recorded: object, recomputed: object) -> str:
     return f"{what}: recorded {recorded}, recomputed {recomputed}"
 
 
-def _check_equal(name: str, line: TrainedLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
+def _check_equal(name: str, line: CandidateLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
     """Raise for the first difference, with what explains it beside the candidate."""
     different = difference(line, result)
     if different is None:

@@ -24,12 +24,10 @@ from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.lines import (
     CandidateLine,
     GenerationLine,
-    ReevaluationLine,
     not_sent,
     trained_networks,
     training_flops,
 )
-from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.evolution.run_files import (
     EliteEntry,
     Line,
@@ -167,11 +165,6 @@ class RecordedRun:
         return tuple(line for line in self.ledger.lines if isinstance(line, GenerationLine))
 
     @cached_property
-    def reevaluations(self) -> tuple[ReevaluationLine, ...]:
-        """The further trainings of elites, in order; none unless the search trained elites again."""
-        return tuple(line for line in self.ledger.lines if isinstance(line, ReevaluationLine))
-
-    @cached_property
     def rules(self) -> Rules:
         """What it was made under."""
         return rules_of(self.ledger.lines)
@@ -198,8 +191,8 @@ class RecordedRun:
 
     @cached_property
     def fitness(self) -> Mapping[str, float]:
-        """What the search knew of each trained candidate's fitness at its end, by id (`fitness_by_id`)."""
-        return fitness_by_id((*self.candidates, *self.reevaluations), self.config.training.fitness)
+        """The fitness of each trained candidate, by id."""
+        return {line.id: line.fitness for line in self.candidates if line.fitness is not None}
 
     @cached_property
     def spent(self) -> Mapping[str, Spending]:
@@ -226,7 +219,7 @@ class RecordedRun:
     @property
     def fitness_in_words(self) -> str:
         """What a recorded fitness is."""
-        return drawn(self.seeds, or_more=self.config.archive.kind is ArchiveKind.extract)
+        return drawn(self.seeds)
 
     @property
     def has_prompts(self) -> bool:

@@ -5,7 +5,6 @@ It follows from the ledger; of candidates that are alike in all that it says, al
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
 
 from tacevo.choices import ArchiveKind, DataSource, FitnessRule
 from tacevo.config.schema import RunConfig
@@ -19,7 +18,6 @@ from tacevo.evolution.lines import (
     misreported,
     skipped_note,
 )
-from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.results.copies import copies
 from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
@@ -78,10 +76,10 @@ def evaluated(config: RunConfig) -> str:
 
 def worth(config: RunConfig) -> str:
     """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
-    seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
+    seeds = config.training.seeds
     one, several = _LOSSES[config.training.fitness]
-    losses = (one if seeds == 1 and not or_more else several).format("recorded" if is_looked_up(config) else "training")
-    return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
+    losses = (one if seeds == 1 else several).format("recorded" if is_looked_up(config) else "training")
+    return f"{drawn(seeds)}, the {losses}, and the best is the lowest of many."
 
 
 def searched(run: RecordedRun) -> str:
@@ -119,18 +117,12 @@ def outcome_in_words(run: RecordedRun) -> tuple[str, str]:
 
     It is called the best only where it is one. Both are empty before a generation is complete, and without any elite.
     """
-    # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
-    lines = run.ledger.lines
-    whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
-    known = fitness_by_id(lines[:whole], run.config.training.fitness)
-    candidates = {line.id: replace(line, fitness=known.get(line.id)) for line in run.candidates}
-    ranked = sorted(
-        (candidates[elite.id] for elite in run.elites if elite.id in known), key=lambda line: (_fitness(line), line.id)
-    )
+    candidates = {line.id: line for line in run.candidates}
+    ranked = sorted((candidates[elite.id] for elite in run.elites), key=lambda line: (_fitness(line), line.id))
     if not ranked:
         return "", ""
     baseline = candidates[run.baseline.id]
-    first = min((_fitness(candidates[name]) for name in known if candidates[name].generation == 0), default=None)
+    first = min((_fitness(line) for line in run.trained if line.generation == 0), default=None)
     rows = [
         [in_markdown(line.id), _number(line.fitness), f"{line.parameters:,}", f"{line.flops:,}",
          _number(line.arch_div), _number(line.eff_ratio), line.operator]

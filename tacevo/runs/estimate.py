@@ -249,6 +249,4 @@ def _remarks(config: RunConfig) -> Sequence[str]:
     trainings = []
     if config.training.seeds > 1:
         trainings.append(f"each admitted network is trained {config.training.seeds} times, which is not priced")
-    if again := config.archive.reevaluations(config.search.candidates):
-        trainings.append(f"up to {again} slots of each generation train an elite again and send no request")
     return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone, *trainings]

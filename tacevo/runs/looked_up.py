@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import CacheMissError, ConfigError
@@ -53,9 +52,6 @@ def table_of(config: RunConfig) -> SpaceTable:
     if config.llm.slip_rate:
         expected = "0 with data=table, which has no networks with mistakes"
         raise ConfigError(str(config.llm.slip_rate), place="llm.slip_rate", expected=expected)
-    if config.archive.kind is ArchiveKind.extract:
-        expected = "another one with data=table, whose few seeds re-evaluations would use up"
-        raise ConfigError(config.archive.kind, place="archive.kind", expected=expected)
     return table
 
 

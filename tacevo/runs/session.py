@@ -18,7 +18,6 @@ from tacevo.environment import checked_out, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.development import LLM, Outcome
 from tacevo.evolution.lines import GenerationLine, SearchLine
-from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.run_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.llm.recording import RecordingLLM
@@ -404,8 +403,6 @@ class _Recorder(Watcher):
     def developed(self, outcome: Outcome) -> None:
         """Keep a candidate's source, or why it has none, before the ledger names it."""
         super().developed(outcome)
-        if isinstance(outcome.proposal, Reevaluation):
-            return  # its source is kept under the elite's name, and nothing was asked
         self._usable.take(outcome)
         name = outcome.proposal.id
         self.elsewhere |= any(completion.elsewhere for completion in outcome.completions)

@@ -80,7 +80,6 @@ def build_plan(
         budget=_budget(config, facts),
         fitness=config.training.fitness,
         seeds=config.training.seeds,
-        reevaluations=archive.reevaluations(config.search.candidates),
         axes=tuple(archive.axes),
     )
 
@@ -130,7 +129,7 @@ def stores_of(config: RunConfig) -> Stores:
 def _places(archive: ArchiveConfig, store: Store) -> Tessellation | TopK:
     """Return the network archive's niches, or the places of one that has none."""
     match archive.kind:
-        case ArchiveKind.cvt | ArchiveKind.extract:
+        case ArchiveKind.cvt:
             return _tessellation(archive, archive.niches, len(archive.axes), store)
         case ArchiveKind.best:
             return TopK(niches=archive.kept)

@@ -29,7 +29,6 @@ _GENERATION_METRICS = (
     "candidates",
     "trained",
     "repaired",
-    "reevaluated",
     "skipped",
     "temperature",
 )

@@ -62,7 +62,6 @@ ARMS = {
     "arch_div_only": {"archive.axes"},
     "eff_ratio_only": {"archive.axes"},
     "linear_eff_ratio": {"archive.eff_ratio_scale"},
-    "extract": {"archive.kind"},
     "three_seeds": {"training.seeds"},
     "llm_vs_grammar": {"llm.provider", "llm.model", "llm.slip_rate"},
 }
@@ -394,9 +393,13 @@ def test_configuration_of_an_older_run_is_read() -> None:
 
 
 #: Settings that were removed, with what they were by default, and values that were removed.
-REMOVED_SETTINGS: dict[str, Any] = {"proposals.population": 100, "proposals.tournament": 25}
-REMOVED_VALUES = ["proposals.parents=tournament"]
-REMOVED_CHOICES = ["ablation=regularised_evolution"]
+REMOVED_SETTINGS: dict[str, Any] = {
+    "archive.reevaluated": 0.25,
+    "proposals.population": 100,
+    "proposals.tournament": 25,
+}
+REMOVED_VALUES = ["archive.kind=extract", "proposals.parents=tournament"]
+REMOVED_CHOICES = ["archive=extract", "ablation=extract", "ablation=regularised_evolution"]
 
 
 def recorded_with(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -415,7 +418,7 @@ def test_removed_setting_that_says_nothing_is_read() -> None:
 
 def test_size_beside_what_was_not_chosen_says_nothing() -> None:
     """One command set the sizes of all arms of a sweep; those of the others are read."""
-    sizes = {"proposals.population": 20, "proposals.tournament": 5}
+    sizes = {"archive.reevaluated": 0.5, "proposals.population": 20, "proposals.tournament": 5}
     assert from_plain(recorded_with(sizes)) == composed()
 
 

@@ -52,7 +52,6 @@ PLANS = {
     "repairs": replace(fakes.plan(), repairs=2),
     "seeds": replace(fakes.plan(), seeds=3),
     "skipped": replace(fakes.plan(generations=8), skipped=0.5),
-    "reevaluations": replace(fakes.plan(generations=8), reevaluations=2),
 }
 
 

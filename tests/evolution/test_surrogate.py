@@ -13,11 +13,10 @@ from sklearn.linear_model import Ridge
 from sklearn.preprocessing import StandardScaler
 
 from tacevo.evolution.algorithm import propose
-from tacevo.evolution.development import Job, develop
+from tacevo.evolution.development import develop
 from tacevo.evolution.instructions import Effect
 from tacevo.evolution.lines import CandidateLine, GenerationLine, gate_stages, skipped_note, source_hash
 from tacevo.evolution.proposals import Candidate
-from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.state import Plan
 from tacevo.evolution.surrogate import ALPHA, LEAST, features, fit, quantile, skips
 from tacevo.profile import Admitted
@@ -113,16 +112,14 @@ def test_nothing_is_skipped_that_was_trained_or_before_enough_is_known() -> None
 
 
 def test_only_answers_of_the_model_are_skipped() -> None:
-    """Not the baseline, and not an elite that is trained again, however bad the surrogate takes them to be."""
-    plan = replace(PLAN, reevaluations=2)
-    _, recorder = fakes.search(plan)
+    """Not the baseline, however bad the surrogate takes it to be."""
+    _, recorder = fakes.search(PLAN)
     state = recorder.states[-1]
-    jobs: tuple[Job, ...] = (*propose(replace(state, generation=0), plan), *propose(state, plan))
+    jobs = (*propose(replace(state, generation=0), PLAN), *propose(state, PLAN))
     effects = replace(fakes.effects(), evaluate=fakes.noisy)
-    outcomes = develop(jobs, effects, repairs=0, seeds=1, rule=plan.fitness, skips=lambda _: True)
+    outcomes = develop(jobs, effects, repairs=0, seeds=1, rule=PLAN.fitness, skips=lambda _: True)
     kept = [outcome.proposal for outcome in outcomes if outcome.result is not None and outcome.admitted is not None]
-    assert [isinstance(job, Reevaluation) for job in kept] == [False, True, True]
-    assert kept[0].request is None
+    assert [job.request for job in kept] == [None]
 
 
 def test_skipped_answer_is_not_sent_back_and_a_repaired_one_can_be_skipped() -> None:

@@ -208,11 +208,10 @@ def plain_search() -> str:
         (["llm.model=llama"], "| unknown    | unknown   |"),
         (["llm=openai", "llm.model=claude-3-haiku"], "| output tokens | USD direct |\n"),  # which takes no batches
         (["training.seeds=3"], "trained 3 times, which is not priced"),
-        (["archive.kind=extract", "search.candidates=8"], "up to 2 slots of each generation train an elite again"),
     ],
 )
 def test_what_differs_from_a_plain_search_is_told(changes: list[str], told: str, overrides: Estimating) -> None:
-    """Models, prices and deliveries; several seeds cost time and no dollars, and some slots send no request."""
+    """Models, prices and deliveries; several seeds cost time and no dollars."""
     assert told in described(compose(overrides(*changes)))
     assert told not in plain_search()
 

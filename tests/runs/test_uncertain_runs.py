@@ -1,4 +1,4 @@
-"""Promise: a run of several seeds, or that trains elites again, is recorded, resumed and compared as any other."""
+"""Promise: a run of several seeds is recorded, resumed and compared as any other."""
 
 import json
 from pathlib import Path
@@ -14,12 +14,12 @@ from tacevo.storage.store import Store
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-SIZES = ["search.generations=2", "search.candidates=4", "search.initial=2", "archive=extract", "training.seeds=3"]
+SIZES = ["search.generations=2", "search.candidates=4", "search.initial=2", "training.seeds=3"]
 
 
 @pytest.fixture(scope="session")
 def uncertain(once: Once) -> Path:
-    """Return a directory with a run of three seeds that trains elites again, and its noise run, to be left as it is."""
+    """Return a directory with a run of three seeds, and its noise run, to be left as it is."""
 
     def fill(folder: Path) -> None:
         where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'cache'}", "executor.workers=2"]
@@ -48,14 +48,10 @@ def test_one_worker_and_a_store_that_has_all_give_the_digest_of_two(uncertain: P
 def test_tables_and_page_have_the_archive_as_the_search_left_it(uncertain: Path) -> None:
     """Rebuilt from the lines, with its corrected figures beside it; a candidate names the losses of all its seeds."""
     collection = collect(uncertain / "run", uncertain / "cache")
-    assert collection.run.reevaluations
     last = archive_history(collection.run, collection.niches.networks)[-1]
     held = {niche: (elite.name, -elite.objective) for niche, elite in last.elites.items()}
     assert held == {elite.niche: (elite.id, elite.fitness) for elite in collection.run.elites}
     assert any(table.name.endswith("/corrected") for table in tables_of(collection, None))
     page = run_contents(RunMaterial(collection=collection, texts=read_texts(collection.run)[0]))
-    again = {line.source for line in collection.run.reevaluations}
     losses = {one["id"]: len(one["losses"]) for one in page["candidates"]}
-    assert losses == {
-        line.id: 0 if line.fitness is None else 3 + 3 * (line.source in again) for line in collection.run.candidates
-    }
+    assert losses == {line.id: 0 if line.fitness is None else 3 for line in collection.run.candidates}

@@ -169,7 +169,6 @@ def test_noise_run_is_of_trainings_that_the_search_has_not_seen(table: SpaceTabl
         ("task.output_argument=classes", "task.output_argument"),
         ("task.outputs=6", "task.outputs"),
         ("training.seeds=5", "training.seeds"),
-        ("ablation=extract", "archive.kind"),
         ("llm.slip_rate=0.01", "llm.slip_rate"),
     ],
 )
@@ -185,8 +184,8 @@ def test_sweep_with_a_job_that_the_table_does_not_suit_is_refused_before_one_run
 ) -> None:
     """As any mistake in a job."""
     settings = ["experiment=space", *TINY, "data=table", f"data.root={table.path}", "training.epochs=3", "seed=0"]
-    with refused(ConfigError, place="archive.kind"):
-        sweep([*settings, "ablation=none,extract", f"store.root={tmp_path}"], str(tmp_path / "sweep"), Progress())
+    with refused(ConfigError, place="llm.slip_rate"):
+        sweep([*settings, "llm.slip_rate=0,0.01", f"store.root={tmp_path}"], str(tmp_path / "sweep"), Progress())
     assert not (tmp_path / "sweep").exists()
 
 
