@@ -7,18 +7,6 @@ from enum import StrEnum
 from tacevo.rounding import rounded
 
 
-class DataSource(StrEnum):
-    """Where images come from."""
-
-    simulated = "simulated"
-    csv = "csv"
-    folder = "folder"
-    tacverse = "tacverse"
-    numpy = "numpy"
-    #: The table of a space: none are there, and evaluations are looked up.
-    table = "table"
-
-
 class SensorTask(StrEnum):
     """What is pressed onto the simulated sensor, and what the network must read from the image."""
 
@@ -92,14 +80,6 @@ class TargetScaling(StrEnum):
     none = "none"
 
 
-class Provider(StrEnum):
-    """Who answers requests."""
-
-    grammar = "grammar"
-    anthropic = "anthropic"
-    openai = "openai"
-
-
 class SystemTurn(StrEnum):
     """Where a request has the system prompt: as one, or at the start of the user's first turn."""
 
@@ -107,13 +87,8 @@ class SystemTurn(StrEnum):
     user = "user"
 
 
-#: Sampling settings that reach a request only where they are set, in the order of their names, and who knows them.
-OPTIONAL_SAMPLING = {
-    "stop_sequences": (Provider.anthropic, Provider.openai),
-    "thinking_tokens": (Provider.anthropic,),
-    "top_k": (Provider.anthropic, Provider.openai),
-    "top_p": (Provider.anthropic, Provider.openai),
-}
+#: Sampling settings that reach a request only where they are set, in the order of their names.
+OPTIONAL_SAMPLING = ("stop_sequences", "thinking_tokens", "top_k", "top_p")
 
 
 class ArchiveKind(StrEnum):
@@ -188,20 +163,6 @@ class Precision(StrEnum):
     float32 = "float32"
     tf32 = "tf32"
     bf16 = "bf16"
-
-
-class ExecutorKind(StrEnum):
-    """Where candidates are evaluated: in processes of this machine, or on the nodes of a Ray cluster."""
-
-    local = "local"
-    ray = "ray"
-
-
-class Tracking(StrEnum):
-    """Who mirrors the ledger."""
-
-    mlflow = "mlflow"
-    none = "none"
 
 
 class Confinement(StrEnum):

@@ -8,7 +8,7 @@ from tacevo.evolution.prompts import prompt_point
 from tacevo.evolution.temperatures import clip
 from tacevo.parts import Generation
 from tacevo.parts.kinds import TEMPERATURES
-from tacevo.parts.registry import made
+from tacevo.parts.registry import of_settings
 from tacevo.results.run import RecordedRun
 
 
@@ -22,7 +22,7 @@ def reachable_temperatures(run: RecordedRun) -> frozenset[float]:
     settings = run.config.temperature
     if settings.rule not in TEMPERATURES.ours:
         return frozenset(line.temperature for line in run.generations[1:])
-    rule = made(TEMPERATURES, settings.rule, settings)
+    rule = of_settings(TEMPERATURES, settings.rule, settings)
     reached: set[float] = set()
     current = {settings.start}
     for _ in range(run.generations[-1].generation):

@@ -5,9 +5,10 @@ from typing import Any
 from scipy.stats import binom
 
 from analysis.statistics.effects import LEVEL
-from tacevo.choices import DataSource, SensorTask
+from tacevo.choices import SensorTask
 from tacevo.config.schema import RunConfig
-from tacevo.data.simulator.tasks import ideal_accuracy
+from tacevo.data.ideal import ideal_accuracy
+from tacevo.parts.facts import source_facts
 from tacevo.records import to_json
 from tacevo.results.study import RecordedStudy
 from tacevo.rounding import rounded
@@ -16,7 +17,7 @@ from tacevo.rounding import rounded
 def ceiling_of(study: RecordedStudy, config: RunConfig) -> float | None:
     """Return the accuracy that no network can expect to exceed on a study's data, by the settings of its run."""
     settings: dict[str, Any] = {**to_json(config.data), **dict(study.other_data)}
-    if settings["source"] != DataSource.simulated or config.task.name != SensorTask.grating:
+    if not source_facts(settings["source"]).is_made or config.task.name != SensorTask.grating:
         return None
     return ideal_accuracy(settings["spacings_mm"])
 

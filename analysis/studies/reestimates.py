@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.statistics.seed_noise import agreement, icc, noise, rankings, worth
 from analysis.table import Between
-from tacevo.choices import DataSource, FitnessRule
+from tacevo.choices import FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, RunError
 from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
@@ -169,7 +169,7 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
         worth=by_rule,
         failed=tuple(network for network in header.networks if network.name in failed),
         record=drawn(config.training.seeds),
-        looked_up=config.data.source is DataSource.table,
+        looked_up=config.data.facts.is_looked_up,
     )
 
 

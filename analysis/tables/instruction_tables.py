@@ -7,7 +7,6 @@ import pandas as pd
 from analysis.runs.instruction_effects import instruction_effects, late_shares
 from analysis.statistics.effects import LEVEL
 from analysis.table import Between, Percent, PValue, Table
-from tacevo.choices import Provider
 from tacevo.results.run import RecordedRun
 
 #: Said wherever temperatures of a grammar are compared.
@@ -19,7 +18,7 @@ GRAMMAR_TEMPERATURE = (
 
 def grammar_note(runs: Sequence[RecordedRun]) -> tuple[str, ...]:
     """Say what a temperature is where the grammar answered."""
-    return (GRAMMAR_TEMPERATURE,) if any(run.config.llm.provider is Provider.grammar for run in runs) else ()
+    return (GRAMMAR_TEMPERATURE,) if any(not run.config.llm.facts.is_model for run in runs) else ()
 
 
 def instructions_table(runs: Sequence[RecordedRun], of: str) -> Table:

@@ -16,7 +16,6 @@ from analysis.rounding import shown
 from analysis.runs.dynamics import improvement
 from analysis.statistics.tests import holm
 from analysis.table import Cell, Percent, PValue, Table, percent
-from tacevo.choices import DataSource
 from tacevo.results.run import RecordedRun
 from tacevo.text import listed
 
@@ -188,7 +187,7 @@ def _set_up(run: RecordedRun) -> tuple[tuple[str, Cell, Cell, bool], ...]:
     printed, config, source = PRINTED["set-up"], run.config, run.config.data.source
     images, stated = sum(run.facts.counts), PRINTED["searches"].get(run.task, {}).get("images")
     model = run.model if run.answered else "none was asked"
-    simulated = source is DataSource.simulated
+    simulated = run.config.data.facts.is_made
 
     def beside(quantity: str, name: str, value: int) -> tuple[str, Cell, Cell, bool]:
         return quantity, printed[name], value, printed[name] != value
@@ -199,7 +198,7 @@ def _set_up(run: RecordedRun) -> tuple[tuple[str, Cell, Cell, bool], ...]:
         beside("generations", "generations", config.search.generations),
         beside("epochs", "epochs", config.training.epochs),
         ("model", f"{printed['model']} ({printed['model id']})", model, model != printed["model id"]),
-        ("data", printed["data"], source.value if simulated else f"{printed['data']} ({source})", simulated),
+        ("data", printed["data"], source if simulated else f"{printed['data']} ({source})", simulated),
         ("images", stated or NOT_STATED, images, stated not in {None, images}),
         beside("image size in pixels", "image size", run.facts.image_size),
     )

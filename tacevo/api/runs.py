@@ -21,7 +21,6 @@ from tacevo.api.replaying import digest_of, replay
 from tacevo.api.studies import Studies, Study, check_read
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, check_walls
-from tacevo.choices import DataSource
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
@@ -383,7 +382,7 @@ def remarks_on(run: Run) -> list[str]:
         *(f"left out: {reason}" for reason in collection.left_out),
         *collection.remarks,
     ]
-    is_looked_up = run.config.data.source is DataSource.table  # nothing of it can be studied
+    is_looked_up = run.config.data.facts.is_looked_up  # nothing of it can be studied
     if not collection.studies and not collection.left_out and not is_looked_up:
         make = f"`tacevo study {shlex.quote(str(run.path))}` makes one, with its tables and figures"
         is_bundle = run.place.digest is not None

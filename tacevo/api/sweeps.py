@@ -17,7 +17,7 @@ from tacevo.api.replaying import digest_of, replay
 from tacevo.api.runs import Draw, Run, progress
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, located
-from tacevo.choices import DataSource, Primary
+from tacevo.choices import Primary
 from tacevo.errors import ConfigError
 from tacevo.results.sweep import Standing, state_of
 from tacevo.storage.sweep_directory import SweepDirectory
@@ -81,7 +81,7 @@ class Sweep:
         """
         collected = self.collection(reference)
         compared = collected.ablation
-        looked_up = any(one.run.config.data.source is DataSource.table for one in collected.sweep.finished)
+        looked_up = any(one.run.config.data.facts.is_looked_up for one in collected.sweep.finished)
         frame = compared.arms[metric_of(metric, compared, looked_up=looked_up)].copy()
         frame.attrs["left_out"] = self._arms_left_out()
         return frame

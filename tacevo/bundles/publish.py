@@ -14,11 +14,11 @@ from tacevo.bundles.format import LOCK, RUN_FILES, STORE, SWEEP, candidate_entry
 from tacevo.bundles.open import Opened, located
 from tacevo.bundles.readme import Subject, Terms, citation, licence, readme
 from tacevo.bundles.verify import Rerun, files_below, rerun, rerun_all
-from tacevo.choices import Provider
 from tacevo.config.conf_folder import conf_root
 from tacevo.config.identity import config_hash
 from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
+from tacevo.parts.facts import provider_facts
 from tacevo.results.publishable import check_name, published_config, published_overrides
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
@@ -155,7 +155,7 @@ def _publishable(record: RunRecord) -> RunRecord:
     """
     config, llm = published_config(record.config), record.config.get("llm")
     # An earlier release recorded no more than the address.
-    asked = isinstance(llm, Mapping) and llm.get("provider") != Provider.grammar and bool(llm.get("base_url"))
+    asked = isinstance(llm, Mapping) and provider_facts(str(llm.get("provider"))).is_model and bool(llm.get("base_url"))
     elsewhere = record.elsewhere or asked
     return replace(record, name=record.name or "run", config=config, pages=PAGES, elsewhere=elsewhere)
 

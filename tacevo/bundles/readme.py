@@ -12,7 +12,7 @@ from string import Template
 import yaml
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
-from tacevo.choices import DataSource, Provider, SimulatedSensor
+from tacevo.choices import SimulatedSensor
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
 from tacevo.results.grouped import in_groups
@@ -133,7 +133,7 @@ def origin_of_answers(run: RecordedRun) -> str:
     config = run.config
     if not run.answered:
         return "No model was asked: the networks were given."
-    if config.llm.provider is Provider.grammar:
+    if not config.llm.facts.is_model:
         return "Answers by the grammar provider: no LLM. Every network was drawn from a fixed grammar of architectures."
     kind = "" if run.record.elsewhere else "the language model "
     return f"Answers by {kind}{run.model} (llm={config.llm.provider})."
@@ -141,9 +141,9 @@ def origin_of_answers(run: RecordedRun) -> str:
 
 def origin_of_data(config: RunConfig) -> str:
     """Say where the images come from."""
-    if config.data.source is DataSource.simulated:
+    if config.data.facts.is_made:
         return "Images of a simulated sensor, not of a real one."
-    if config.data.source is DataSource.table:
+    if config.data.facts.is_looked_up:
         return "Evaluations were looked up in the table of a space (data=table), which is not part of this bundle."
     return f"Recorded images (data={config.data.source}), which are not part of this bundle."
 
@@ -208,7 +208,7 @@ def _digests(subject: Subject) -> list[str]:
 def _origin(run: RecordedRun, folder: str) -> str:
     """Say how to make or obtain the data set of a run."""
     data = run.config.data
-    if data.source is DataSource.simulated:
+    if data.facts.is_made:
         given = [f"data.{key}={_plain(getattr(data, key))}" for key in _SIMULATED]
         given += [] if data.sensor == SimulatedSensor.ViTacTip else [f"data.sensor={data.sensor}"]
         given += [f"data.gel_mm={_plain(data.gel_mm)}"] if data.gel_mm else []
@@ -217,7 +217,7 @@ def _origin(run: RecordedRun, folder: str) -> str:
             "They are made, equal in every byte, when they are needed; as files by\n\n"
             f"    tacevo data simulate {on_a_line(shlex.join(settings))} out=DIR"
         )
-    if data.source is DataSource.table:
+    if data.facts.is_looked_up:
         return (
             f"None are needed: evaluations were looked up in a table, {as_code(str(data.root))}, whose digest this is. "
             "To look them up again, lay it beside this file or into cache/tables, under any name that ends in .zip, or "

@@ -9,7 +9,6 @@ from pathlib import Path
 from tacevo.api.replaying import digest_of, extended, replay
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.verify import Rerun, Verified
-from tacevo.choices import DataSource
 from tacevo.cli.common import DONE, existing_store, tell
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
@@ -136,10 +135,10 @@ def _with_data_here(place: Opened, options: argparse.Namespace) -> list[RunConfi
     for run in place.runs:
         directory = RunDirectory(run)
         record, config = directory.read_run(), settings_of(directory)
-        if config.data.source not in (DataSource.simulated, DataSource.table):  # which is made, or found by its digest
+        if not (config.data.facts.is_made or config.data.facts.is_looked_up):  # which is found by its digest
             _check_data(directory, record.name, config, in_bundle=place.digest is not None)
         found.append(with_table(config, record.data.fingerprint, Path(options.run), named, option="--table FILE"))
-    if named is not None and all(config.data.source is not DataSource.table for config in found):
+    if named is not None and all(not config.data.facts.is_looked_up for config in found):
         raise ConfigError(options.table, place="--table", expected="no table: these searches trained")
     return found
 

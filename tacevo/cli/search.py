@@ -9,13 +9,16 @@ from pathlib import Path
 
 import yaml
 
-from tacevo.choices import DataSource, Primary, Tracking
+from tacevo.choices import Primary
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir, tell
+from tacevo.config.chosen import part_of
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.conf_folder import check_experiment, groups
 from tacevo.config.schema import RunConfig
 from tacevo.environment import as_typed
+from tacevo.parts.kinds import TRACKERS
+from tacevo.parts.tracker import Tracker
 from tacevo.records import Mode, to_json
 from tacevo.results.sweep import Standing
 from tacevo.runs.estimate import MEASURING, describe_cost, describe_estimates, describe_time
@@ -104,8 +107,9 @@ def run_search(config: RunConfig) -> int:
         told.append("every answer came from the store: this search made no call and cost nothing")
     else:
         told += paid_now(result)
-    if config.tracking.kind is Tracking.mlflow:
-        told.append(f"MLflow: {viewing(config.tracking.uri, as_typed('mlflow'))}")
+    tracker: Tracker = part_of(config, TRACKERS)
+    if seen := tracker.viewing():
+        told.append(seen)
     print_end(result, told)
     return DONE
 
@@ -120,7 +124,7 @@ def _estimate(options: argparse.Namespace) -> int:
         tell(describe_cost(config), end="\n\n", flush=True)
         later = partial(describe_time, config)
     with Progress() as view:
-        if any(one.data.source is not DataSource.table for _, one in jobs):
+        if any(not one.data.facts.is_looked_up for _, one in jobs):
             view.say(MEASURING)
         told = later()
     tell(told)

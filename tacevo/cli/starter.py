@@ -16,12 +16,10 @@ import sys
 from pathlib import Path
 from typing import Never
 
-from tacevo.choices import DataSource
 from tacevo.cli.app import run
 from tacevo.cli.search import run_search
 from tacevo.config.plain import from_plain
 from tacevo.records import Json
-from tacevo.runs.looked_up import table_of
 from tacevo.sandbox.kernel import end_with
 
 _INPUT, _OUTPUT, _ERRORS = 0, 1, 2
@@ -50,7 +48,9 @@ def _read_ahead(config: dict[str, Json]) -> None:
     """Read the table of a space, which stays read for all searches in it."""
     with contextlib.suppress(Exception):  # whatever is wrong, the search says in its log
         chosen = from_plain(config)
-        if chosen.data.source is DataSource.table:
+        if chosen.data.facts.is_looked_up:
+            from tacevo.runs.looked_up import table_of
+
             table_of(chosen)
 
 

@@ -15,7 +15,6 @@ from analysis.studies.transfer import sensor_groups, transfers
 from analysis.tables.plan import plan_table
 from analysis.tables.transfer import sensor_table, transfer_tables
 from tacevo.api.planning import planned_from, write_plan
-from tacevo.choices import DataSource
 from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
 from tacevo.cli.tables import print_table, say
 from tacevo.config.compose import compose_elsewhere, compose_noise, compose_study, spread
@@ -188,7 +187,7 @@ def run_noise(options: argparse.Namespace) -> int:
         studied = estimate_noise(config, view)
     _introduce(studied, "noise run")
     run = _show(studied, config.store.root)
-    if run.answered and not run.shortfall and run.config.data.source is not DataSource.table:
+    if run.answered and not run.shortfall and not run.config.data.facts.is_looked_up:
         usual = compose_study(["run=RUN"])
         elites = min(len(StudyDirectory(studied.directory).read().networks) - 1, usual.elites)
         trainings = f"{counted((elites + 1) * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"

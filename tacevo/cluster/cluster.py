@@ -21,12 +21,12 @@ from typing import Any, Self
 
 from tacevo.choices import Confinement
 from tacevo.cluster.connection import connect, is_guarded, leave
-from tacevo.cluster.facts import Order
 from tacevo.cluster.node import ClusterNode
 from tacevo.cluster.node_images import Images
 from tacevo.cluster.node_members import ClusterMember, Described, join, works
 from tacevo.cluster.slot import run_job
 from tacevo.errors import SandboxError
+from tacevo.parts.executor import Notice, Order
 from tacevo.records import Json, Limits
 from tacevo.sandbox.client import Died, Finished, Score
 from tacevo.sandbox.protocol import describe
@@ -49,9 +49,6 @@ _TRIES = 3
 _GOODBYE = 5.0
 
 _AGAIN = "run the same command again"
-
-#: Called with what confined a candidate, as `tacevo.sandbox.confinement.in_force` names it, and its node.
-Notice = Callable[[Mapping[str, str]], None]
 
 
 @dataclass(eq=False, kw_only=True)

@@ -8,13 +8,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from tacevo.choices import Confinement, Device, Numerics
+from tacevo.choices import Confinement, Numerics
 from tacevo.environment import machine, versions
 from tacevo.errors import SandboxError, TacevoError
+from tacevo.parts.executor import Order
 from tacevo.redaction import secret_variables
 from tacevo.rules import CURRENT, STUDY
 from tacevo.sandbox.confinement import available, check_confinement
-from tacevo.training.numerics import check_machine, environment
+from tacevo.training.numerics import check_machine
 
 #: Packages whose code makes a profile or a training.
 _DECISIVE = ("tacevo", "torch", "numpy")
@@ -24,33 +25,6 @@ TOKEN = "RAY_AUTH_TOKEN"
 
 #: Named as secrets are, but a node may hold them; GPG_KEY in the official images of Python is a public key's.
 _HARMLESS = frozenset({TOKEN, "GPG_KEY"})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Order:
-    """What a run demands of each node; it goes to all of them, and holds no key."""
-
-    #: Of the sandbox.
-    entries: Mapping[str, str]
-    equip: str | None
-    numerics: Numerics
-    device: Device
-    #: The model of the GPU; None for any, or on a CPU.
-    gpu: str | None
-    #: Most trainings on one GPU at once.
-    per_gpu: int
-    #: The weakest confinement that will do.
-    require: Confinement
-
-    @property
-    def environment(self) -> dict[str, str]:
-        """The variables of a candidate's process that decide its results."""
-        return environment(self.numerics, self.device)
-
-    @property
-    def strongest(self) -> Confinement:
-        """The strongest confinement that this device leaves."""
-        return Confinement.kernel if self.device is Device.cpu else Confinement.none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

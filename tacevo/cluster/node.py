@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from tacevo.cluster import node_images as files
-from tacevo.cluster.facts import Facts, Order, facts_here
+from tacevo.cluster.facts import Facts, facts_here
 from tacevo.cluster.node_images import Images
 from tacevo.environment import machine
 from tacevo.errors import SandboxError
+from tacevo.parts.executor import Order
 from tacevo.sandbox.client import Sandbox, Zygote
 from tacevo.sandbox.confinement import in_force
 from tacevo.training.leases import leased

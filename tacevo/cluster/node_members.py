@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from tacevo.choices import Confinement
-from tacevo.cluster.facts import Order, check_alike, facts_here
+from tacevo.cluster.facts import check_alike, facts_here
 from tacevo.cluster.node import ClusterNode
 from tacevo.cluster.node_images import CHUNK, Images
 from tacevo.cluster.slot import name_of
 from tacevo.errors import SandboxError, TacevoError
+from tacevo.parts.executor import Order
 from tacevo.sandbox.protocol import describe
 
 #: Seconds that a node's process may take to start and to say what it is, on a busy machine.

@@ -14,18 +14,15 @@ from tacevo.choices import (
     Axis,
     BoundsRule,
     Confinement,
-    DataSource,
     Device,
-    ExecutorKind,
     Numerics,
     OperatorScope,
-    Provider,
     Scale,
     SimulatedSensor,
     SplitRule,
     SystemTurn,
 )
-from tacevo.config.parts import check_parts, constant
+from tacevo.config.deciding import check_code, constant
 from tacevo.config.schema import (
     ArchiveConfig,
     DataConfig,
@@ -33,7 +30,6 @@ from tacevo.config.schema import (
     RunConfig,
     TaskConfig,
     TrainingConfig,
-    deliveries,
 )
 from tacevo.errors import ConfigError
 from tacevo.parts.kinds import PARENTS
@@ -51,7 +47,7 @@ def check_together(config: RunConfig) -> None:
     _check_llm(config.llm)
     _check_sampling(config.llm)
     _check_archive(config.archive)
-    check_parts(config)
+    check_code(config)
     _check_proposals(config)
     _check_parents(config)
     check_device(config)
@@ -60,7 +56,7 @@ def check_together(config: RunConfig) -> None:
 def check_device(config: RunConfig) -> None:
     """Raise ConfigError where executor, device, numerics and walls do not go together."""
     executor = config.executor
-    if executor.kind is ExecutorKind.local:
+    if executor.is_here:
         _check_that(executor.address is None, "executor.address", "null without executor=ray", executor.address)
     if config.training.device is Device.cpu:
         _check_that(executor.per_gpu == 1, "executor.per_gpu", "1 with training.device=cpu", executor.per_gpu)
@@ -96,31 +92,28 @@ def _check_task(task: TaskConfig) -> None:
 
 
 def _check_data(data: DataConfig) -> None:
-    simulated = data.source is DataSource.simulated
-    most = 256 if simulated else 1024
+    facts, most = data.facts, data.facts.largest
     _check_that(data.image_size <= most, "data.image_size", f"at most {most} for data={data.source}", data.image_size)
     trained = 1 - Fraction(str(data.validation_part)) - Fraction(str(data.test_part))  # as they are written
     expected = "less than 1 together with data.validation_part, so that images are left for training"
     _check_that(trained > 0, "data.test_part", expected, data.test_part)
-    what = "file" if data.source in {DataSource.numpy, DataSource.table} else "directory"
-    _check_that(
-        simulated or bool(data.root), "data.root", f"the {what} of the data set for data={data.source}", data.root
-    )
+    expected = f"the {facts.root} of the data set for data={data.source}"
+    _check_that(not facts.root or bool(data.root), "data.root", expected, data.root)
     columns = data.target_columns
-    named = data.source is not DataSource.csv or _distinct(columns)
+    named = "target_columns" not in facts.uses or _distinct(columns)
     _check_that(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
-    named = _distinct(data.spacings_mm) or (not simulated and not data.spacings_mm)
+    named = _distinct(data.spacings_mm) or (not facts.is_made and not data.spacings_mm)
     _check_that(named, "data.spacings_mm", "different spacings, at least one", data.spacings_mm)
-    made = not simulated or data.sensor in list(SimulatedSensor)
+    made = not facts.is_made or data.sensor in list(SimulatedSensor)
     _check_that(made, "data.sensor", f"{', '.join(SimulatedSensor)} for data=simulated", data.sensor)
-    counted = data.images is not None or not simulated
+    counted = data.images is not None or not facts.is_made
     _check_that(counted, "data.images", "a number of images for data=simulated", data.images)
     sensors, parts = data.sensor_column, data.split_column
     _check_that(sensors is None or sensors != parts, "data.split_column", "another one than data.sensor_column", parts)
     is_split = data.split is SplitRule.random or sensors is None or parts is not None
     _check_that(is_split, "data.split", "random where no data.split_column names the parts", data.split)
     for name, column in (("sensor_column", sensors), ("split_column", parts)):
-        is_level = column is None or data.source is not DataSource.folder or re.fullmatch(r"[1-9]", column)
+        is_level = column is None or facts.names_sensors != "level" or re.fullmatch(r"[1-9]", column)
         expected = "a level of directories with data=folder: 1 for those in data.root, 2 for those in these, up to 9"
         _check_that(bool(is_level), f"data.{name}", expected, column)
     one = data.group_column is None or data.group_pattern is None
@@ -137,9 +130,9 @@ def _check_llm(llm: LLMConfig) -> None:
     sound = llm.base_url is None or _is_address(llm.base_url)
     shown = (llm.base_url or "").rpartition("@")[2]  # an error holds no login
     _check_that(sound, "llm.base_url", "an address such as http://localhost:8000/v1, without ? and #, or null", shown)
-    known = llm.delivery in deliveries(llm.provider)
+    known = llm.delivery in llm.facts.deliveries
     _check_that(known, "llm.delivery", f"direct for llm={llm.provider}", llm.delivery)
-    asked = llm.provider is not Provider.grammar
+    asked = llm.facts.is_model
     _check_that(asked or llm.label is None, "llm.label", f"null for llm={llm.provider}", llm.label)
     closed = None if llm.space is None else to_json(llm.space)
     _check_that(not asked or closed is None, "llm.space", f"null for llm={llm.provider}, which no space binds", closed)
@@ -161,9 +154,9 @@ def _is_address(value: str) -> bool:
 
 
 def _check_sampling(llm: LLMConfig) -> None:
-    for key, providers in OPTIONAL_SAMPLING.items():
+    for key in OPTIONAL_SAMPLING:
         value = getattr(llm, key)
-        known = llm.provider in providers or not value
+        known = key in llm.facts.sampling or not value
         _check_that(known, f"llm.{key}", f"nothing for llm={llm.provider}, which does not have this setting", value)
     thinking, most = llm.thinking_tokens, llm.max_tokens
     fits = thinking is None or thinking < most
@@ -202,7 +195,7 @@ def _check_proposals(config: RunConfig) -> None:
 def _check_parents(config: RunConfig) -> None:
     """Check what the controls need: a provider that draws networks, and niches whose elites are counted."""
     parents, provider, kind = config.proposals.parents, config.llm.provider, config.archive.kind
-    draws = constant(config, PARENTS, "has_parents") or provider is Provider.grammar
+    draws = constant(config, PARENTS, "has_parents") or not config.llm.facts.is_model
     why = "which cannot draw a network at random: llm=grammar can"
     _check_that(draws, "proposals.parents", f"another one with llm={provider}, {why}", parents)
     counts = not constant(config, PARENTS, "counts_elites") or kind is not ArchiveKind.best

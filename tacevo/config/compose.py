@@ -21,6 +21,7 @@ from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from tacevo.config.arms import check_change, read_arm, split_arm
+from tacevo.config.chosen import check_parts
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
 from tacevo.config.own_parts import check_setting, checked, defaults, names_own, own_parts, with_names
 from tacevo.config.plain import converted, from_plain, near
@@ -86,6 +87,7 @@ def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
         plain = _with_own_parts(_plain(composed), own)
         config = _with_prices_here(from_plain(plain), overrides)
+        check_parts(config)
         without = [each for each in others if not _names_any(each, unused(config))]
         if len(without) < len(others) or "data" in arm:
             usual = composed_by("config", without)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tacevo.config.parts import DECIDING, code_hash
+from tacevo.config.deciding import DECIDING, code_hash
 from tacevo.config.removed import removed
 from tacevo.errors import ConfigError, PartError
 from tacevo.parts.kinds import KINDS, Kind

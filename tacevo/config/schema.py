@@ -20,9 +20,7 @@ from tacevo.choices import (
     Axis,
     BoundsRule,
     Confinement,
-    DataSource,
     Device,
-    ExecutorKind,
     FitnessRule,
     GratingClasses,
     Layout,
@@ -31,14 +29,13 @@ from tacevo.choices import (
     Numerics,
     OperatorScope,
     Precision,
-    Provider,
     Scale,
     SplitRule,
     SystemTurn,
     TargetScaling,
-    Tracking,
 )
 from tacevo.errors import ConfigError
+from tacevo.parts.facts import HERE, ProviderFacts, SourceFacts, provider_facts, source_facts
 from tacevo.records import Delivery, Kind, Loss, Mode, Record
 from tacevo.redaction import check_address, names_place
 from tacevo.space import Space
@@ -128,7 +125,7 @@ class TaskConfig(Record):
 class DataConfig(Record):
     """Where the images come from, and how they are prepared."""
 
-    source: DataSource  #: what holds the images
+    source: Text  #: what holds the images: the name of a part, as `provider`, `kind` of executors and of trackers
     #: Height and width, in pixels.
     image_size: Annotated[int, Ge(16), Le(16_384)]
     #: Simulated: how many. TacVerse: the most that are taken; null for all.
@@ -179,6 +176,11 @@ class DataConfig(Record):
     LATER: ClassVar[frozenset[str]] = frozenset({"sensor_column", "split_column"})
 
     @property
+    def facts(self) -> SourceFacts:
+        """What is known of the source by its name."""
+        return source_facts(self.source)
+
+    @property
     def held_out(self) -> tuple[float, float]:
         """Both parts, as `tacevo.data.splitting` takes them."""
         return self.validation_part, self.test_part
@@ -209,16 +211,11 @@ class ArchiveConfig(Record):
 UNCHOSEN = "a model of your choice"
 
 
-def deliveries(provider: Provider) -> tuple[Delivery, ...]:
-    """Return the deliveries that a provider has."""
-    return tuple(Delivery) if provider is Provider.anthropic else (Delivery.direct,)
-
-
 @dataclass(frozen=True, kw_only=True)
 class LLMConfig(Record):
     """Who answers the requests, and how the answers are recorded."""
 
-    provider: Provider  #: who answers
+    provider: Text  #: who answers
     model: Annotated[str, is_a("a model's name", bool)]  #: its name
     mode: Mode  #: record, or replay from the store alone
     max_tokens: AtLeast1  #: of an answer
@@ -249,6 +246,11 @@ class LLMConfig(Record):
     space: Space | None = None
 
     LATER: ClassVar[frozenset[str]] = frozenset({"system", "label", "space"})
+
+    @property
+    def facts(self) -> ProviderFacts:
+        """What is known of the provider by its name."""
+        return provider_facts(self.provider)
 
     @property
     def name(self) -> str:
@@ -346,13 +348,18 @@ class SandboxConfig(Record):
 class ExecutorConfig(Record):
     """Where candidates are evaluated, and how many at once."""
 
-    kind: ExecutorKind  #: this machine, or Ray
+    kind: Text  #: this machine, or Ray
     workers: OneToMillion  #: candidates at once
     #: Ray: the head of the cluster, as HOST:PORT, or `auto` for the one that RAY_ADDRESS names or that runs here; null
     #: to start a Ray of `workers` slots here, which ends with the search.
     address: Text | None = None
     #: With `training.device=cuda`: most candidates that train on one GPU at once.
     per_gpu: OneToMillion = 1
+
+    @property
+    def is_here(self) -> bool:
+        """Whether candidates are evaluated on this machine."""
+        return self.kind == HERE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -366,7 +373,7 @@ class NumericsConfig(Record):
 class TrackingConfig(Record):
     """The mirror of the ledger."""
 
-    kind: Tracking  #: mlflow or none
+    kind: Text  #: mlflow or none
     #: Empty for the one in MLFLOW_TRACKING_URI.
     uri: str
     experiment: str  #: its name in MLflow

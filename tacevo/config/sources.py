@@ -3,32 +3,14 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 
-from tacevo.choices import ALL_SENSORS, DataSource, RecordedTask, SplitRule
+from tacevo.choices import ALL_SENSORS, RecordedTask, SplitRule
 from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.errors import ConfigError
+from tacevo.parts.facts import EVERY_SOURCE, source_facts
+from tacevo.parts.kinds import SOURCES
+from tacevo.parts.registry import find
 from tacevo.records import Json
 from tacevo.storage.canonical import canonical
-
-_COMMON = frozenset({"source", "image_size", "split", "split_seed", "validation_part", "test_part", "normalisation"})
-
-#: Those of a recording that names sensors and parts.
-_SENSORS = frozenset({"sensor_column", "split_column", "sensor", "test_sensor", "shots"})
-
-#: The settings that a source uses, where `_NEEDS` holds.
-USED: Mapping[DataSource, frozenset[str]] = {
-    DataSource.simulated: _COMMON | {"images", "seed", "sensor", "sensor_seed", "light", "gel_mm", "spacings_mm"},
-    DataSource.csv: _COMMON
-    | {"root", "table", "image_column", "target_columns", "skip_missing"}
-    | {"white_point", "group_column", "group_pattern"}
-    | _SENSORS,
-    DataSource.folder: _COMMON | {"root", "white_point", "group_pattern"} | _SENSORS,
-    DataSource.tacverse: _COMMON
-    | {"root", "sensor", "pattern", "skip_missing", "white_point", "group_pattern"}
-    | {"select", "images", "spacings_mm", "classes", "test_sensor", "shots"},
-    DataSource.numpy: _COMMON | {"root", "white_point"} | _SENSORS,
-    DataSource.table: frozenset({"source", "root", "image_size"}),
-}
-
 
 #: What a study may set for its trainings that is not its run's, beside data.
 DEVICE = (
@@ -48,9 +30,6 @@ def is_elsewhere(override: str) -> bool:
     return is_of_data(override) or override.partition("=")[0] in DEVICE
 
 
-#: Sources of recordings that a user lays out.
-_NAMING = (DataSource.csv, DataSource.folder, DataSource.numpy)
-
 #: Tasks whose images TacVerse does not list in a table.
 _PRESSED = (RecordedTask.grating, RecordedTask.shape)
 
@@ -59,8 +38,8 @@ def _is_random(config: RunConfig) -> bool:
     return config.data.split is SplitRule.random
 
 
-def _is_recorded(config: RunConfig) -> bool:
-    return config.data.source is DataSource.tacverse
+def _is_release(config: RunConfig) -> bool:
+    return config.data.facts.is_release
 
 
 #: What a setting may need beside its source, in words and as a rule.
@@ -68,11 +47,11 @@ _Need = tuple[str, Callable[[RunConfig], bool]]
 
 _NAMED: _Need = (
     "data.sensor_column",
-    lambda config: config.data.source not in _NAMING or config.data.sensor_column is not None,
+    lambda config: not config.data.facts.names_sensors or config.data.sensor_column is not None,
 )
-_RELEASED: _Need = ("data.split=release", lambda config: not _is_recorded(config) or not _is_random(config))
+_RELEASED: _Need = ("data.split=release", lambda config: not _is_release(config) or not _is_random(config))
 _GRATING: _Need = ("task=grating", lambda config: config.task.name == RecordedTask.grating)
-_SELECTS: _Need = ("data.select=true", lambda config: config.data.select or not _is_recorded(config))
+_SELECTS: _Need = ("data.select=true", lambda config: config.data.select or not _is_release(config))
 _RANDOM: _Need = ("data.split=random", _is_random)
 _DEALT: _Need = (
     "data.split_column=null, or data.shots",
@@ -81,11 +60,11 @@ _DEALT: _Need = (
 _UNSPLIT: _Need = ("data.split_column=null", lambda config: config.data.split_column is None)
 _UNNAMED: _Need = (
     "a task whose presses TacVerse does not name",
-    lambda config: config.task.name != RecordedTask.grating or not _is_recorded(config),
+    lambda config: config.task.name != RecordedTask.grating or not _is_release(config),
 )
 _TABLE: _Need = (
     "a task that TacVerse lists in a table",
-    lambda config: config.task.name not in _PRESSED or not _is_recorded(config),
+    lambda config: config.task.name not in _PRESSED or not _is_release(config),
 )
 
 #: What each setting needs that does not always have an effect.
@@ -122,17 +101,29 @@ def _lacking(name: str, config: RunConfig) -> list[str]:
 
 def are_grouped(data: Mapping[str, Json], task: str) -> bool | None:
     """Answer whether images of some settings of `data` come in groups; None where a file says so, and no setting."""
-    source = str(data["source"])
-    if source in (DataSource.numpy, DataSource.table):
+    facts = source_facts(str(data["source"]))
+    if facts.has_groups:
         return None
-    if source == DataSource.tacverse and task == RecordedTask.grating:
+    if facts.is_release and task == RecordedTask.grating:
         return True
-    return source != DataSource.simulated and any(data.get(name) for name in ("group_column", "group_pattern"))
+    return not facts.is_made and any(data.get(name) for name in ("group_column", "group_pattern"))
+
+
+def used_by(source: str) -> frozenset[str]:
+    """Return the settings of `data` that a source uses: of one that is not ours, the fields of its class.
+
+    Raises:
+        ConfigError: it cannot be imported.
+    """
+    part = find(SOURCES, source)
+    if part.is_ours:
+        return source_facts(source).uses
+    return EVERY_SOURCE | frozenset(getattr(part.load(), "__dataclass_fields__", ()))
 
 
 def unused(config: RunConfig) -> frozenset[str]:
     """Return the settings of `data` without effect in a configuration, by their names there."""
-    used = {name for name in USED[config.data.source] if not _lacking(name, config)}
+    used = {name for name in used_by(config.data.source) if not _lacking(name, config)}
     return frozenset(field.name for field in fields(DataConfig)) - used
 
 
@@ -145,8 +136,8 @@ def check_used(config: RunConfig, composed: Mapping[str, Json], usual: Mapping[s
     for name in sorted(unused(config)):
         if composed.get(name) == usual.get(name):
             continue
-        sources = " or ".join(f"data={source}" for source in DataSource if name in USED[source])
-        lacking = " and ".join([*([] if name in USED[data.source] else [sources]), *_lacking(name, config)])
+        sources = " or ".join(f"data={source}" for source in SOURCES.ours if name in source_facts(source).uses)
+        lacking = " and ".join([*([] if name in used_by(data.source) else [sources]), *_lacking(name, config)])
         raise ConfigError(
             canonical(composed[name]),
             place=f"data.{name}",

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.data.dataset import Dataset
-from tacevo.data.source import SHOWN_FAULTS, Catalogue, listed
+from tacevo.data.source import SHOWN_FAULTS, listed
+from tacevo.parts.source import Catalogue
 
 #: Images are dark where none uses more than one part in so many of its range.
 DARK = 8

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.data.dataset import Dataset
-from tacevo.data.source import Catalogue
+from tacevo.parts.source import Catalogue
 from tacevo.records import Kind
 
 #: Units that the name of a column may end in, e.g. `depth_mm`; such a name states the unit.

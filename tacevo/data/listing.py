@@ -4,8 +4,9 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path, PurePath
 
-from tacevo.data.source import SHOWN_FAULTS, Catalogue, listed
+from tacevo.data.source import SHOWN_FAULTS, listed
 from tacevo.data.sources.filenames import hidden_part
+from tacevo.parts.source import Catalogue
 from tacevo.text import counted
 
 

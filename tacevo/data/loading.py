@@ -17,12 +17,13 @@ from tacevo.choices import Normalisation, SplitRule, TargetScaling
 from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
-from tacevo.data.source import Catalogue, Source, check_no_faults, check_readable
+from tacevo.data.source import check_no_faults, check_readable
 from tacevo.data.sources.image_files import warnings_as_errors
-from tacevo.data.splitting import PARTS, TENTHS, Split, check_balance, dealt
+from tacevo.data.splitting import PARTS, TENTHS, check_balance, dealt
 from tacevo.data.staging import remove_leftovers, reserve, staged
 from tacevo.data.workers import Progress, each
 from tacevo.errors import DataError
+from tacevo.parts.source import Catalogue, Source, Split
 from tacevo.records import DataFacts, Kind
 from tacevo.storage.canonical import content_hash
 

@@ -9,15 +9,17 @@ not their test part; and some of its training part, where shots are asked for.
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from tacevo.choices import ALL_SENSORS
 from tacevo.data.source import check_no_faults, listed, shortened
-from tacevo.data.splitting import PARTS, TENTHS, Split, dealt
+from tacevo.data.splitting import PARTS, TENTHS, dealt
 from tacevo.errors import DataError
+from tacevo.parts.making import Given
+from tacevo.parts.source import Split
 from tacevo.randomness import stream
 from tacevo.records import Json
 from tacevo.storage.canonical import canonical
@@ -49,6 +51,20 @@ class Sensors:
     #: Of the shots; and of a random split, whose parts these are.
     seed: int = 0
     held_out: tuple[float, float] = TENTHS
+
+    @classmethod
+    def from_settings(cls, given: Given) -> Self:
+        """Return what the settings of `data` ask for."""
+        data = given.settings
+        return cls(
+            sensor_column=data["sensor_column"],
+            split_column=data["split_column"],
+            sensor=data["sensor"],
+            test_sensor=data["test_sensor"],
+            shots=data["shots"],
+            seed=data["split_seed"],
+            held_out=(data["validation_part"], data["test_part"]),
+        )
 
     @property
     def are_named(self) -> bool:

@@ -3,13 +3,13 @@
 Promises: the three parts are disjoint and complete, and images that were recorded together are never in two.
 """
 
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
 
 from tacevo.errors import DataError
+from tacevo.parts.source import Split
 from tacevo.randomness import stream
 
 #: The parts of all images that are held out for validation and for the test, where nothing else is asked. Keys of data
@@ -21,17 +21,8 @@ TENTHS = (0.1, 0.1)
 #: source itself has are dealt out once: their splits are older than this, and stay.
 TRIES = 100
 
-#: The fields of `Split`.
+#: The fields of `tacevo.parts.source.Split`.
 PARTS = ("train", "validation", "test")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Split:
-    """Row numbers of the three parts, int64, each in ascending order, disjoint and complete."""
-
-    train: npt.NDArray[np.int64]
-    validation: npt.NDArray[np.int64]
-    test: npt.NDArray[np.int64]
 
 
 def part_sizes(count: int, held_out: tuple[float, float]) -> tuple[int, int, int]:

@@ -9,13 +9,13 @@ from string import Template
 
 import yaml
 
-from tacevo.choices import DataSource
 from tacevo.data.labels import plain_name
 from tacevo.environment import machine, versions
 from tacevo.export.contents import Exported, spread_of
 from tacevo.export.conversion import BOUND, Converted
 from tacevo.export.onnx_file import INPUT, OPSET
 from tacevo.export.trainings import Like, Trained
+from tacevo.parts.facts import source_facts
 from tacevo.records import DataFacts
 from tacevo.results.grouped import FEWEST, in_groups
 from tacevo.text import as_code, counted, in_markdown, listed, printable
@@ -141,13 +141,13 @@ def _facts(model: Exported) -> dict[str, object]:
         "scales": scales,
         "author": "people wrote it" if model.line.request is None else f"{in_markdown(run.model)} wrote it",
         "recorded": _recorded(model),
-        "source": f"data={source.value}",
+        "source": f"data={source}",
         "train": train,
         "validation": validation,
         "tests": tests,
         "in_groups": in_groups(facts),
         "fingerprint": as_code(facts.fingerprint),
-        "sensor": "of a simulated sensor, not of a real one" if source is DataSource.simulated else "recorded",
+        "sensor": "of a simulated sensor, not of a real one" if source_facts(source).is_made else "recorded",
         "digest": run.digest,
         "bundle": f"bundle `{model.bundle}`" if model.bundle else "not from a bundle",
         "source_sha256": as_code(str(model.line.source)),

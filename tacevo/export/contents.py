@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from tacevo.choices import Numerics
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import units_of
-from tacevo.data.source import Catalogue
 from tacevo.environment import checked_out, machine, versions
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export.conversion import BOUND, Built, Converted
 from tacevo.export.onnx_file import INPUT, OPSET, OUTPUT
 from tacevo.export.trainings import ExportSettings, Trained, TrainingPlan
+from tacevo.parts.source import Catalogue
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, to_json, written
 from tacevo.results.run import RecordedRun

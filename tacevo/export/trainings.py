@@ -24,7 +24,8 @@ from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.results.study_lines import Row, ScoreLine
 from tacevo.rules import CHOSEN_SINCE, KEPT_SINCE, STUDY, TRAININGS, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.progress import Progress
-from tacevo.runs.wiring import Workbench, trained_by, training_seed
+from tacevo.runs.seeds import training_seed
+from tacevo.runs.wiring import Workbench, trained_by
 from tacevo.storage.array_store import digest_of
 from tacevo.storage.store import Stores
 from tacevo.studies.study import replay_study

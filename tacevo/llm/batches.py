@@ -24,8 +24,9 @@ from tacevo.errors import ConfigError, StoreError, TransportError
 from tacevo.llm.anthropic import FAILURES, body_of, secrets_of
 from tacevo.llm.bodies import read_message
 from tacevo.llm.failures import Failures, Models
-from tacevo.llm.recording import Keep, unkept
+from tacevo.llm.recording import unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_connection, fault_of_status
+from tacevo.parts.provider import Keep
 from tacevo.records import Completion, Delivery, Record, Request, to_json
 from tacevo.redaction import without_secrets
 from tacevo.storage.canonical import content_hash, readable
@@ -70,7 +71,7 @@ class BatchLLM:
     poll: float = 30.0
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
-        """Answer different requests, batch by batch (see `tacevo.llm.recording.KeepingLLM`).
+        """Answer different requests, batch by batch (see `tacevo.parts.provider.Provider`).
 
         Raises:
             ConfigError: the server refuses the key, the model, a setting or the payment, or lacks a recorded batch.

@@ -15,7 +15,8 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from tacevo.costs import dollars
 from tacevo.errors import BudgetError
 from tacevo.llm.prices import worst_case
-from tacevo.llm.recording import Keep, KeepingLLM, unkept
+from tacevo.llm.recording import unkept
+from tacevo.parts.provider import Keep, Provider
 from tacevo.records import Completion, Price, Request, to_json
 from tacevo.storage.canonical import content_hash
 
@@ -58,7 +59,7 @@ class BudgetedLLM:
     until not even one fits.
     """
 
-    inner: KeepingLLM
+    inner: Provider
     #: What the run's answers have cost; `RecordingLLM` adds each answer before it takes the next.
     account: Account
     _: KW_ONLY
@@ -68,7 +69,7 @@ class BudgetedLLM:
     price: Price
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
-        """Answer requests, in as few rounds as the budget allows (see `tacevo.llm.recording.KeepingLLM`).
+        """Answer requests, in as few rounds as the budget allows (see `tacevo.parts.provider.Provider`).
 
         Raises:
             BudgetError: the next request could exceed the limit; the answers to those before it were yielded.

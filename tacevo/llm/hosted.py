@@ -17,16 +17,21 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import httpx2
 
 from tacevo.llm.failures import Failures, Models
-from tacevo.llm.recording import Keep, unkept
+from tacevo.llm.recording import ever_answered, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.llm.wire import HOOKS, SENDING, Sending, certificates, check_proxies
+from tacevo.parts.making import Given
+from tacevo.parts.provider import Keep
 from tacevo.records import Completion, Request
 from tacevo.redaction import without_secrets
+from tacevo.storage.store import Store
 
 _LOG = logging.getLogger(__name__)
 
@@ -69,6 +74,30 @@ class Server(Protocol):
 _Arrivals = queue.SimpleQueue[tuple[int, Completion | Fault] | Exception | None]
 
 
+def asking(given: Given, connect: Callable[[str | None, int], Server]) -> "HostedLLM":
+    """Make what asks a server by the settings of `llm`; a missing key is an error at once.
+
+    Raises:
+        ConfigError: the environment holds no key, or the address is not a URL.
+    """
+    llm = given.settings
+    connect(llm["base_url"], 1)
+    connected = partial(connect, llm["base_url"], llm["concurrency"])
+    return HostedLLM(connected, concurrency=llm["concurrency"], models=models_of(given))
+
+
+def models_of(given: Given) -> Models:
+    """Return what is known of the models that the settings of `llm` ask, before the first request."""
+    llm, store = given.settings, completions(given.root)
+    unlabelled = None if llm["label"] is None else llm["model"]
+    return Models(f"llm={llm['provider']}", partial(ever_answered, store), prices=given.prices, unlabelled=unlabelled)
+
+
+def completions(root: Path) -> Store:
+    """Return the store of answers."""
+    return Store(root, "completions")
+
+
 @dataclass(slots=True)
 class HostedLLM:
     """Answers requests by a server, up to `concurrency` at once."""
@@ -83,7 +112,7 @@ class HostedLLM:
     patience: Patience = field(default_factory=Patience)
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
-        """Answer every request, in the order of arrival (see `tacevo.llm.recording.KeepingLLM`).
+        """Answer every request, in the order of arrival (see `tacevo.parts.provider.Provider`).
 
         Raises:
             ConfigError: the server refuses the key, the model, a setting or the payment; asking again cannot help.

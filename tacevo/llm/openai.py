@@ -7,7 +7,7 @@ key comes from OPENAI_API_KEY; a server of one's own may want none.
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import httpx2
@@ -16,8 +16,9 @@ from tacevo.environment import install
 from tacevo.errors import ConfigError
 from tacevo.llm.bodies import read_body, read_chat
 from tacevo.llm.failures import check_key
-from tacevo.llm.hosted import Body, SDKServer, clients_for
+from tacevo.llm.hosted import Body, HostedLLM, SDKServer, asking, clients_for
 from tacevo.llm.retry import FaultError, FaultKind, fault_of
+from tacevo.parts.making import Given
 from tacevo.records import Completion, Json, Request
 
 try:
@@ -36,6 +37,11 @@ _LIMITS = ("max_tokens", "max_completion_tokens")
 
 #: Stands for the key where a server wants none: the SDK insists on one.
 _NO_KEY = "no-key"
+
+
+def from_settings(given: Given) -> HostedLLM:
+    """Make what asks a server by the settings of `llm`; raises as `connect`."""
+    return asking(replace(given, prices=None), partial(connect, dialect=Dialect()))
 
 
 @dataclass(slots=True)

@@ -3,33 +3,19 @@
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import Protocol
 
 from tacevo.costs import Tally, spending_on, total
 from tacevo.errors import LLMError, StoreError
+from tacevo.parts.provider import Provider
 from tacevo.records import Completion, Json, Price, Request, Setting, to_json
 from tacevo.storage.store import Store
 from tacevo.typed import convert
-
-#: Stores the answer to a request, and returns it as it was stored; may be called by several threads at once.
-Keep = Callable[[Request, Completion], Completion]
 
 #: The fields of a completion that a server writes.
 _TEXTS = ("text", "model", "stop_reason")
 
 #: A model, a token limit and further settings.
 Choice = tuple[str, int, tuple[tuple[str, Setting], ...]]
-
-
-class KeepingLLM(Protocol):
-    """Answers what is not recorded."""
-
-    def complete(self, requests: Sequence[Request], keep: Keep) -> Iterator[tuple[int, Completion]]:
-        """Answer different requests (see `tacevo.evolution.development.LLM`).
-
-        `keep` is called with each answer as soon as it arrives, and what it returns is yielded.
-        """
-        ...
 
 
 def unkept(request: Request, completion: Completion) -> Completion:
@@ -82,7 +68,7 @@ class RecordingLLM:
     """
 
     #: Answers what is not recorded; None in a replay.
-    inner: KeepingLLM | None
+    inner: Provider | None
     #: The completions, keyed by the whole request.
     store: Store
     _: KW_ONLY

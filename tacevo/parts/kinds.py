@@ -24,7 +24,7 @@ class Kind:
     #: The class of `tacevo.parts` that one of a user's extends, and the constants of that class which others look at.
     base: str = ""
     constants: tuple[str, ...] = ()
-    #: What installs the libraries that one of ours needs, where `pip install tacevo` does not.
+    #: The extra of tacevo that installs the libraries that one of ours needs, where `pip install tacevo` does not.
     extras: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -38,7 +38,12 @@ PROVIDERS = Kind(
     does="answers requests",
     setting="llm.provider",
     decides=False,
-    ours={},
+    ours={
+        "grammar": "tacevo.llm.grammar.provider:from_settings",
+        "anthropic": "tacevo.llm.claude:from_settings",
+        "openai": "tacevo.llm.openai:from_settings",
+    },
+    extras={"openai": "openai"},
 )
 
 SOURCES = Kind(
@@ -46,7 +51,14 @@ SOURCES = Kind(
     does="reads or makes images and their labels",
     setting="data.source",
     decides=False,
-    ours={},
+    ours={
+        "simulated": "tacevo.data.simulator.tasks:from_settings",
+        "csv": "tacevo.data.sources.table:from_settings",
+        "folder": "tacevo.data.sources.folder:from_settings",
+        "tacverse": "tacevo.data.sources.tacverse:from_settings",
+        "numpy": "tacevo.data.sources.arrays:from_settings",
+        "table": "tacevo.runs.looked_up:LookedUp",
+    },
 )
 
 EXECUTORS = Kind(
@@ -54,7 +66,11 @@ EXECUTORS = Kind(
     does="runs candidates in sandboxes, here or elsewhere",
     setting="executor.kind",
     decides=False,
-    ours={},
+    ours={
+        "local": "tacevo.runs.local:Local",
+        "ray": "tacevo.cluster.executor:Ray",
+    },
+    extras={"ray": "ray"},
 )
 
 TRACKERS = Kind(
@@ -62,7 +78,10 @@ TRACKERS = Kind(
     does="mirrors runs and studies",
     setting="tracking.kind",
     decides=False,
-    ours={},
+    ours={
+        "mlflow": "tacevo.tracking.tracker:MLflow",
+        "none": "tacevo.parts.tracker:Untracked",
+    },
 )
 
 PARENTS = Kind(

@@ -107,7 +107,7 @@ def load(kind: Kind, name: str) -> Any:
     return find(kind, name).load()
 
 
-def made(kind: Kind, name: str, settings: object) -> Any:
+def of_settings(kind: Kind, name: str, settings: object) -> Any:
     """Make one of ours: its fields are settings of these names of the group that chooses it, e.g. `proposals`."""
     part = load(kind, name)
     return part(**{field.name: getattr(settings, field.name) for field in fields(part)})

@@ -10,7 +10,7 @@ a run rest on is trained in any case.
 from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import TypeVar
 
-from tacevo.choices import DataSource, Device, Numerics
+from tacevo.choices import Device, Numerics
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
 from tacevo.evolution.lines import CandidateLine, of_training
@@ -23,7 +23,8 @@ from tacevo.results.table_records import Header
 from tacevo.rules import TRAININGS, check_known
 from tacevo.runs.datasets import load_same, trivial_of
 from tacevo.runs.progress import Progress
-from tacevo.runs.wiring import Workbench, training_seed
+from tacevo.runs.seeds import training_seed
+from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import check_confinement
 from tacevo.storage.run_directory import RunRecord
 from tacevo.training.numerics import check_machine
@@ -69,13 +70,13 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Pro
         name = f"{run.path.name} " if len(runs) > 1 else ""
         if lines := [line for of, line in drawn if of is run]:
             _retrain(run, lines, view, name)
-    tables = dict.fromkeys(str(run.config.data.root) for run in runs if run.config.data.source is DataSource.table)
+    tables = dict.fromkeys(str(run.config.data.root) for run in runs if run.config.data.facts.is_looked_up)
     looked_up = [
         f"nothing was trained: these were looked up in {table} again, whose rows `tacevo replay {table} --retrain N` "
         "trains"
         for table in tables
     ]
-    did = "looked up" if all(run.config.data.source is DataSource.table for run in runs) else "trained"
+    did = "looked up" if all(run.config.data.facts.is_looked_up for run in runs) else "trained"
     return "\n".join([describe([line for _, line in drawn], len(pairs), choice, did), *looked_up])
 
 

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
-from tacevo.choices import Confinement, DataSource, Device, ExecutorKind
+from tacevo.choices import Confinement, Device
 from tacevo.config.schema import ExecutorConfig, SandboxConfig, StoreConfig
 from tacevo.data.loading import split_rows
 from tacevo.environment import machine, usable_cores, versions
 from tacevo.errors import BundleError, ConfigError, DataError, DivergenceError, SandboxError
+from tacevo.parts.facts import HERE
 from tacevo.records import DataFacts, Json, Mode, to_json
 from tacevo.reproduce.retrain import BY_MACHINE, doubts_of, sampled
 from tacevo.results.space_table import card
@@ -14,7 +15,8 @@ from tacevo.results.table_records import CARD, SpaceTable, TableNetwork
 from tacevo.rules import CURRENT, LIKE_TODAY, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.datasets import load_same, source_of, trivial_of
 from tacevo.runs.progress import Progress
-from tacevo.runs.wiring import Workbench, check_means, training_seed
+from tacevo.runs.seeds import training_seed
+from tacevo.runs.wiring import Workbench, check_means
 from tacevo.storage.canonical import canonical, differences
 from tacevo.studies.tabulate import members, network_of
 from tacevo.text import counted
@@ -48,7 +50,7 @@ def verify_table(table: SpaceTable) -> None:
     if header.seeds != seeds:
         place, said = f"{table.path}, seeds", f"{list(seeds)}, those that follow from seed {config.seed}"
         raise DivergenceError(f"{list(header.seeds)}", place=place, expected=said)
-    if config.data.source is DataSource.simulated:
+    if config.data.facts.is_made:
         _check_facts(table, _simulated(table))
     if table.card != card(header, table.networks):
         place = f"{table.path}, {CARD}"
@@ -110,7 +112,7 @@ def measure_table(table: SpaceTable, view: Progress) -> str:
         return f"{left}: nothing of a made-up table was measured"
     if any(getattr(header.rules, part) not in LIKE_TODAY[part] for part in ("static", "probe")):
         return f"{left}: other rules ({header.rules.static}, {header.rules.probe}) made them"
-    executor = ExecutorConfig(kind=ExecutorKind.local, workers=usable_cores())
+    executor = ExecutorConfig(kind=HERE, workers=usable_cores())
     # Whatever walls there are confine the networks; the table may not ask for none.
     training, sandbox = (
         replace(config.training, device=Device.cpu, gpu=None),

@@ -3,12 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.task_texts import contract_of
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError
+from tacevo.parts.facts import HERE
 from tacevo.records import to_json
 from tacevo.results.publishable import last_part
 from tacevo.results.whereabouts import found_store
@@ -44,7 +44,7 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
     config = read_config(directory.path, record)
     config.prompts.check_library(len(record.task.instructions))
     images = sum(record.data.counts)
-    if config.data.source is DataSource.simulated and config.data.images != images:
+    if config.data.facts.is_made and config.data.images != images:
         raise RunError(
             str(config.data.images),
             place=f"{directory.path}/run.json, data.images",
@@ -54,7 +54,7 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
     _check_task(config, record, f"{directory.path}/run.json")
     root = found_store(directory, config) if store is None else store
     workers = min(config.executor.workers, usable_cores())
-    here = replace(config.executor, kind=ExecutorKind.local, workers=workers)
+    here = replace(config.executor, kind=HERE, workers=workers)
     data = config.data
     if isinstance(directory.path, Member) and data.root is not None:
         data = replace(data, root=last_part(data.root))

@@ -6,7 +6,7 @@ It follows from the ledger; of candidates that are alike in all that it says, al
 import math
 from collections.abc import Callable, Collection, Sequence
 
-from tacevo.choices import ArchiveKind, DataSource, FitnessRule
+from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.evolution.lines import (
@@ -66,7 +66,7 @@ _LOSSES = {
 
 def is_looked_up(config: RunConfig) -> bool:
     """Answer whether a run trains nothing, and looks its evaluations up in the table of a space."""
-    return config.data.source is DataSource.table
+    return config.data.facts.is_looked_up
 
 
 def evaluated(config: RunConfig) -> str:

@@ -4,7 +4,6 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from tacevo.choices import DataSource
 from tacevo.config.conf_folder import conf_root
 from tacevo.config.schema import RunConfig
 from tacevo.errors import DataError, TacevoError
@@ -22,7 +21,7 @@ def with_table(
     Raises:
         DataError, BundleError: as `find_table`.
     """
-    if config.data.source is not DataSource.table:
+    if not config.data.facts.is_looked_up:
         return config
     table = find_table(Path(config.data.root or ""), digest, beside, named, option=option)
     return replace(config, data=replace(config.data, root=str(table)))

@@ -18,7 +18,6 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path, PurePath
 
-from tacevo.choices import DataSource
 from tacevo.config.schema import RunConfig
 from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory
@@ -50,7 +49,7 @@ def _first_training(directory: RunDirectory) -> str | None:
 def found_data(directory: RunDirectory, config: RunConfig) -> str | None:
     """Return where the data set of a run lies; where nothing is found, what the run recorded."""
     name = config.data.root
-    if name is None or config.data.source is DataSource.simulated:  # which is made, and lies nowhere
+    if name is None or config.data.facts.is_made:  # which is made, and lies nowhere
         return name
     return _as_written(name, [place for place in _places(name, directory.path, config.run.dir) if place.exists()])
 

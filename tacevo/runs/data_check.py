@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from tacevo.choices import DataSource, Normalisation, RecordedTask
+from tacevo.choices import Normalisation, RecordedTask
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
@@ -19,14 +19,14 @@ from tacevo.data.pictures import contact_sheet, format_of, sample_figure, save
 from tacevo.data.scaling import input_statistics
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.simulator.written_files import overrides_for, write_files
-from tacevo.data.source import Catalogue
 from tacevo.data.sources.release import compared
 from tacevo.data.splitting import PARTS
 from tacevo.data.survey import constant_images, equal_images, label_table, nearly_equal, split_of
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
+from tacevo.parts.source import Catalogue
 from tacevo.records import DataFacts, Task
-from tacevo.runs.data_report import HOW, Image, Inspection
+from tacevo.runs.data_report import Image, Inspection
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.doubts import doubts_of, told
 from tacevo.runs.progress import Progress
@@ -59,7 +59,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
     mean, deviation = input_statistics(pixels, dataset.train, Normalisation.standardise)
     alike = nearly_equal(dataset) if catalogue.recorded_size is not None else ()
     groups = catalogue.groups
-    is_release = config.data.source is DataSource.tacverse
+    is_release = config.data.facts.is_release
     release, differing = compared(Path(config.data.root or "")) if is_release else ((), ())
     return Inspection(
         task=config.task.name,
@@ -88,7 +88,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         prompt=told(task),
         warnings=(
             *doubts_of(config, task, dataset, catalogue),
-            *_alike_words(len(alike), "" if groups is not None else HOW.get(config.data.source, "")),
+            *_alike_words(len(alike), "" if groups is not None else config.data.facts.grouping),
             *(["data.root is not the whole release: what differs stands above"] if differing else []),
         ),
         fingerprint=facts.fingerprint,

@@ -5,21 +5,13 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from tacevo.choices import DataSource
+from tacevo.parts.facts import source_facts
 from tacevo.records import Json, Kind
 from tacevo.results.grouped import FEWEST
 from tacevo.text import counted, unbroken
 
 #: Equal or constant images that the report spells out before it only counts them; the JSON lists all.
 SHOWN = 10
-
-#: How a user says which images were recorded together.
-HOW = {
-    DataSource.csv: "; name groups by data.group_column=COLUMN, or data.group_pattern='\"REGEX\"' on the paths",
-    DataSource.folder: "; name groups by data.group_pattern='\"REGEX\"' on the paths",
-    DataSource.tacverse: "; name groups by data.split=random data.group_pattern='\"REGEX\"' on the paths",
-    DataSource.numpy: "; name groups by an array `groups`",
-}
 
 _UNSIZED = " (data.image_size; an experiment may set another, so name that of the search here, too)"
 
@@ -43,7 +35,7 @@ class Inspection:
     """What `check` found."""
 
     task: str
-    source: DataSource
+    source: str
     root: str | None
     #: TacVerse: of which sensors, and of gratings which patterns; as settings.
     recorded_with: tuple[str, ...]
@@ -140,7 +132,7 @@ def _groups(data: Inspection) -> str:
         return "each image is a press of its own"
     if data.groups is None:
         is_told = not any(setting.startswith("data.test_sensor=") for setting in data.selected)  # it has its own split
-        how = HOW.get(data.source, "") if is_told else ""
+        how = source_facts(data.source).grouping if is_told else ""
         return f"none are known, so frames of one press may stand in two parts{how}"
     least, most = min(data.groups), max(data.groups)
     each = counted(most, "image") if least == most else f"{least} to {most} images"

@@ -1,31 +1,27 @@
 """The data set that a configuration names."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol
 
-from tacevo.choices import DataSource, RecordedTask, SensorTask, SimulatedSensor
-from tacevo.config.schema import DataConfig, RunConfig
+from tacevo.config.chosen import part_of
+from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import check_fit
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
-from tacevo.data.sensors import Sensors
-from tacevo.data.simulator.tasks import Simulated
-from tacevo.data.source import Catalogue, Source
-from tacevo.data.sources.arrays import Arrays
-from tacevo.data.sources.folder import Folder
-from tacevo.data.sources.table import TableSource
-from tacevo.data.sources.tacverse import TacVerse
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, DataError
+from tacevo.parts.kinds import SOURCES
+from tacevo.parts.registry import load as load_part
+from tacevo.parts.source import Catalogue, Source
 from tacevo.records import DataFacts, Task
-from tacevo.runs.looked_up import data_of, table_of
 from tacevo.runs.progress import Progress
-from tacevo.training.evaluation import Examples
+from tacevo.sandbox.client import RunJob
+from tacevo.training.evaluation import Evaluator, Examples
 from tacevo.training.full import HeldOut
 from tacevo.training.losses import trivial_loss
-
-T = TypeVar("T", RecordedTask, SensorTask)
 
 
 def load_same(config: RunConfig, facts: DataFacts, view: Progress, *, catalogue: Catalogue | None = None) -> Dataset:
@@ -59,132 +55,103 @@ def load_data(config: RunConfig, view: Progress, *, catalogue: Catalogue | None 
 
     Raises:
         DataError: it is missing or broken.
-        ConfigError: it does not suit the task, or is a table that does not suit the run.
+        ConfigError: it does not suit the task, or is a table that does not suit the run; or a part is missing.
         BundleError: it is a table that is damaged.
     """
-    if config.data.source is DataSource.table:
-        return data_of(table_of(config))
-    return load(
-        source_of(config),
-        split=config.data.split,
-        split_seed=config.data.split_seed,
-        held_out=config.data.held_out,
-        normalisation=config.data.normalisation,
-        target_scaling=config.task.target_scaling,
-        cache=Path(config.store.root) / "data",
-        workers=min(config.executor.workers, usable_cores()),
-        accept=lambda catalogue: check_fit(
-            config.task, kind=catalogue.kind, outputs=len(catalogue.names), names=catalogue.names
-        ),
-        progress=partial(view.advance, "images"),
-        say=view.say,
-        catalogue=catalogue,
-    )
+    return answering(config).data(view, catalogue)
 
 
 def source_of(config: RunConfig) -> Source:
-    """Name where a configuration's images come from; nothing is read yet.
+    """Make the part that a configuration's images come from; nothing is read yet.
 
     Raises:
-        ConfigError: the source does not know the task, or has no images.
+        ConfigError: the source is missing, does not know the task, or has no images.
     """
-    data = config.data
-    root = Path(data.root or "")
-    match data.source:
-        case DataSource.simulated:
-            return Simulated(
-                task=_among(SensorTask, config),
-                images=data.images or 0,  # which `check_together` excludes
-                image_size=data.image_size,
-                seed=data.seed,
-                spacings_mm=tuple(data.spacings_mm),
-                sensor_seed=data.sensor_seed,
-                light=data.light,
-                sensor=SimulatedSensor(data.sensor),  # which `check_together` has looked at
-                gel_mm=data.gel_mm,
-            )
-        case DataSource.csv:
-            return TableSource(
-                root=root,
-                table=data.table,
-                image_column=data.image_column,
-                target_columns=tuple(data.target_columns),
-                image_size=data.image_size,
-                skip_missing=data.skip_missing,
-                white_point=data.white_point,
-                group_column=data.group_column,
-                group_pattern=data.group_pattern,
-                sensors=_sensors_of(data),
-            )
-        case DataSource.folder:
-            return Folder(
-                root=root,
-                image_size=data.image_size,
-                white_point=data.white_point,
-                group_pattern=data.group_pattern,
-                sensors=_sensors_of(data),
-            )
-        case DataSource.tacverse:
-            return TacVerse(
-                root=root,
-                task=_among(RecordedTask, config),
-                sensor=data.sensor,
-                pattern=data.pattern,
-                image_size=data.image_size,
-                skip_missing=data.skip_missing,
-                white_point=data.white_point,
-                group_pattern=data.group_pattern,
-                spacings_mm=tuple(data.spacings_mm) if data.select else (),
-                images=data.images if data.select else None,
-                classes=data.classes,
-                test_sensor=data.test_sensor,
-                shots=data.shots,
-                seed=data.split_seed,
-            )
-        case DataSource.numpy:
-            return Arrays(
-                root=root, image_size=data.image_size, white_point=data.white_point, sensors=_sensors_of(data)
-            )
-        case DataSource.table:
-            raise ConfigError(
-                "the table of a space, which holds no images",
-                place="data=table",
-                expected="images",
-                remedy="`tacevo.open_table(FILE).scores` are the test scores of all its networks",
-            )
-
-
-def _sensors_of(data: DataConfig) -> Sensors:
-    """Return which sensors and parts are asked for of a recording that names them."""
-    return Sensors(
-        sensor_column=data.sensor_column,
-        split_column=data.split_column,
-        sensor=data.sensor,
-        test_sensor=data.test_sensor,
-        shots=data.shots,
-        seed=data.split_seed,
-        held_out=data.held_out,
-    )
-
-
-def _among(tasks: type[T], config: RunConfig) -> T:
-    """Find a configuration's task among those of its source."""
-    try:
-        return tasks(config.task.name)
-    except ValueError as error:
+    if config.data.facts.is_looked_up:
         raise ConfigError(
-            config.task.name,
-            place=f"task.name with data={config.data.source}",
-            expected=f"one of {', '.join(tasks)}",
-            remedy="choose other data",
-        ) from error
+            "the table of a space, which holds no images",
+            place=f"data={config.data.source}",
+            expected="images",
+            remedy="`tacevo.open_table(FILE).scores` are the test scores of all its networks",
+        )
+    source: Source = part_of(config, SOURCES)
+    return source
 
 
 def trivial_of(config: RunConfig, task: Task, data: Dataset) -> float:
-    """Return the trivial loss of a run's validation images, which a table recorded."""
-    if config.data.source is DataSource.table:
-        return table_of(config).header.trivial
-    return trivial_loss(task.contract.loss, data.targets[data.validation])
+    """Return the trivial loss of a run's validation images."""
+    return answering(config).trivial(task, data)
+
+
+class Answering(Protocol):
+    """How the probes and the trainings of a run are answered."""
+
+    @property
+    def run(self) -> RunJob | None:
+        """What answers jobs in the place of an executor; None where candidates run."""
+        ...
+
+    @property
+    def evaluator(self) -> Callable[..., Evaluator]:
+        """What makes the evaluator of a search; its arguments are those of `Evaluator`."""
+        ...
+
+    def data(self, view: Progress, catalogue: Catalogue | None) -> Dataset:
+        """Return the data set; errors are those of `load_data`."""
+        ...
+
+    def trivial(self, task: Task, data: Dataset) -> float:
+        """Return the trivial loss of the validation images."""
+        ...
+
+
+def answering(config: RunConfig) -> Answering:
+    """Return how the probes and the trainings of a run are answered: candidates run, or all is looked up.
+
+    Raises:
+        ConfigError: what looks up is not installed.
+    """
+    if not config.data.facts.is_looked_up:
+        return _Trained(config)
+    looked_up: Answering = load_part(SOURCES, config.data.source)(config)
+    return looked_up
+
+
+@dataclass(frozen=True, slots=True)
+class _Trained:
+    """Candidates run on the images of a source (see `Answering`)."""
+
+    config: RunConfig
+
+    @property
+    def run(self) -> None:
+        return None
+
+    @property
+    def evaluator(self) -> Callable[..., Evaluator]:
+        return Evaluator
+
+    def data(self, view: Progress, catalogue: Catalogue | None) -> Dataset:
+        config = self.config
+        return load(
+            source_of(config),
+            split=config.data.split,
+            split_seed=config.data.split_seed,
+            held_out=config.data.held_out,
+            normalisation=config.data.normalisation,
+            target_scaling=config.task.target_scaling,
+            cache=Path(config.store.root) / "data",
+            workers=min(config.executor.workers, usable_cores()),
+            accept=lambda catalogue: check_fit(
+                config.task, kind=catalogue.kind, outputs=len(catalogue.names), names=catalogue.names
+            ),
+            progress=partial(view.advance, "images"),
+            say=view.say,
+            catalogue=catalogue,
+        )
+
+    def trivial(self, task: Task, data: Dataset) -> float:
+        return trivial_loss(task.contract.loss, data.targets[data.validation])
 
 
 def examples_of(data: Dataset) -> Examples:

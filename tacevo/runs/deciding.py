@@ -11,12 +11,12 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from tacevo.config.parts import brought, code_hash
+from tacevo.config.deciding import brought, code_hash
 from tacevo.config.schema import RunConfig
 from tacevo.errors import DivergenceError, PartError, RunError
 from tacevo.parts import Candidate, Generation, Parents, Population, PromptHistory, Prompts, Temperature
 from tacevo.parts.kinds import PARENTS, PROMPTS, TEMPERATURES, Kind
-from tacevo.parts.registry import made
+from tacevo.parts.registry import of_settings
 from tacevo.parts.sources import recalled
 from tacevo.records import Json, to_json
 from tacevo.sandbox.part_process import PartProcess, Recorded
@@ -123,7 +123,7 @@ class Parts:
 
     def _part(self, kind: Kind, name: str, settings: object, brought: type["_Brought"]) -> Any:
         if name in kind.ours:
-            return made(kind, name, settings)
+            return of_settings(kind, name, settings)
         code = self.config.code[name]
         part = Recorded(
             kind=kind,

@@ -3,16 +3,16 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from tacevo.choices import DataSource, SensorTask
+from tacevo.choices import SensorTask
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.config.task_texts import left_of_others
 from tacevo.data.dataset import Dataset
 from tacevo.data.exposure import doubtful_images
 from tacevo.data.listing import doubtful_files
-from tacevo.data.source import Catalogue, listed
+from tacevo.data.source import listed
+from tacevo.parts.source import Catalogue
 from tacevo.records import Kind, Task
 from tacevo.runs.datasets import source_of
-from tacevo.runs.looked_up import table_of
 
 #: The heading below which a task's system prompt says what the images show.
 _HEADING = "## The task\n"
@@ -27,16 +27,18 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
     """
     doubts = left_of_others(config.task)
     names = dataset.facts.names
-    if config.data.source is not DataSource.tacverse and not _suit(config.task, names):
+    if not config.data.facts.is_release and not _suit(config.task, names):
         outputs = listed(config.task.output_names) or "gratings"
         doubts.append(
             f"task={config.task.name} is for {outputs}, and the data set has {listed(names)}; the prompt tells the "
             f'model: "{told(task)}" (`tacevo init NAME --like {config.task.name}` begins a task of your own)'
         )
-    if config.data.source is DataSource.table:
+    if config.data.facts.is_looked_up:
+        from tacevo.runs.looked_up import table_of
+
         table = table_of(config)
         doubts += [f"{table.path} is made up: no network was trained for it"] if table.header.made_up else []
-    elif config.data.source is not DataSource.simulated:
+    elif not config.data.facts.is_made:
         listed_now = source_of(config).catalogue() if catalogue is None else catalogue
         doubts += doubtful_files(listed_now, Path(config.data.root or ""))
         doubts += doubtful_images(listed_now, dataset)

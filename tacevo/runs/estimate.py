@@ -8,8 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import DataSource, ExecutorKind
-from tacevo.config.schema import UNCHOSEN, RunConfig, deliveries
+from tacevo.config.schema import UNCHOSEN, RunConfig
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.data.simulator.tasks import Simulated
@@ -90,7 +89,7 @@ def estimate(config: RunConfig) -> Estimate:
 
 def _facts(config: RunConfig) -> DataFacts:
     """Describe the data set as the requests name it; that the classes of a simulation have names needs no image."""
-    if config.data.source is DataSource.table:
+    if config.data.facts.is_looked_up:
         return table_of(config).header.data
     source, facts = source_of(config), facts_without_data(config)
     return replace(facts, names=source.names) if isinstance(source, Simulated) else facts
@@ -99,7 +98,7 @@ def _facts(config: RunConfig) -> DataFacts:
 def describe_cost(config: RunConfig) -> str:
     """Write down what a search asks for: requests, tokens, and the cost by model and delivery; nothing is measured."""
     estimated = estimate(config)
-    delivered = deliveries(config.llm.provider)
+    delivered = config.llm.facts.deliveries
     basis = "networks are as long as the baseline, and a token has four characters"
     if estimated.samples:
         basis = f"answers are like the mean of the {estimated.samples} recorded ones of this model"
@@ -126,7 +125,7 @@ def describe_estimates(jobs: Sequence[tuple[str, RunConfig]], measure: Measure =
 
     Jobs that train alike share a measured pace. The hours are those of one job after the other.
     """
-    delivered = list(dict.fromkeys(each for _, config in jobs for each in deliveries(config.llm.provider)))
+    delivered = list(dict.fromkeys(each for _, config in jobs for each in config.llm.facts.deliveries))
     paces: dict[str, Pace | None] = {}
     rows = [_figures(config, delivered, _seconds(config, measure, paces)) for _, config in jobs]
     sums = [None if None in column else sum(filter(None, column)) for column in zip(*rows, strict=True)]
@@ -154,14 +153,14 @@ def _figures(config: RunConfig, delivered: Sequence[Delivery], seconds: float | 
 
 def _costs(config: RunConfig, estimated: Estimate, delivered: Sequence[Delivery]) -> list[float | None]:
     """Price the tokens for each delivery; None where the provider has none such, or its price is not known."""
-    table, offered = prices_of(config.llm), deliveries(config.llm.provider)
+    table, offered = prices_of(config.llm), config.llm.facts.deliveries
     prices = [table.price(config.llm.name, each) if each in offered else None for each in delivered]
     return [None if price is None else price.cost(estimated.input_tokens, estimated.output_tokens) for price in prices]
 
 
 def _seconds(config: RunConfig, measure: Measure, paces: dict[str, Pace | None]) -> float | None:
     """Return the seconds of a job's trainings, None where they are not known; a pace is measured once."""
-    if config.data.source is DataSource.table:
+    if config.data.facts.is_looked_up:
         return 0.0
     alike = (config.task, config.data, config.training, config.executor, config.numerics, config.gate, config.sandbox)
     key = content_hash([to_json(each) for each in alike])
@@ -188,7 +187,7 @@ def _dollars(amount: float | None) -> str:
 
 def describe_time(config: RunConfig, measure: Measure = measure, saving: Saving = part_saved) -> str:
     """Measure how long the trainings take on this machine, and say what that assumes; or why it is not known."""
-    if config.data.source is DataSource.table:
+    if config.data.facts.is_looked_up:
         return "hours: none, because nothing is trained: evaluations are looked up in the table."
     try:
         images, pace = training_images(config), measure(config)
@@ -196,7 +195,7 @@ def describe_time(config: RunConfig, measure: Measure = measure, saving: Saving 
         return f"hours: not measured ({error})"
     training, workers, took = config.training, config.executor.workers, pace.seconds(config, images)
     busy = f"The machine was busy: {pace.load:.1f} processes wanted each core. Idle, it is faster."
-    where = "this machine" if config.executor.kind is ExecutorKind.local else "machines like this one"
+    where = "this machine" if config.executor.is_here else "machines like this one"
     size = f"{images:,} images of {config.data.image_size} px"
     rate = f"{pace.images_per_second:,.{0 if pace.images_per_second >= 100 else 1}f}"
     lines = [

@@ -1,7 +1,8 @@
 """Searches whose probes and trainings are looked up in the table of a space (data=table)."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,14 @@ import numpy as np
 from tacevo.config.schema import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import CacheMissError, ConfigError
+from tacevo.parts.source import Catalogue
 from tacevo.randomness import stream
-from tacevo.records import Json, Limits, Rejection, Training, to_json
+from tacevo.records import Json, Limits, Rejection, Task, Training, to_json
 from tacevo.results.space_table import read_table
 from tacevo.results.table_records import DECISIVE, SpaceTable, value_of
 from tacevo.rules import LIKE_TODAY
+from tacevo.runs.progress import Progress
+from tacevo.runs.seeds import noise_seed, training_seed
 from tacevo.sandbox.client import Finished, Frame, RunJob, Score
 from tacevo.storage.canonical import canonical
 from tacevo.storage.store import Store
@@ -73,21 +77,44 @@ def _check_most(key: str, value: int, most: int, what: str, remedy: str = "") ->
         raise ConfigError(str(value), place=key, expected=f"at most {most}, {what}", remedy=remedy)
 
 
-def data_of(table: SpaceTable) -> Dataset:
-    """Return the data set of a table without its images; the table's digest is its fingerprint."""
-    no_rows = np.zeros(0, np.int64)
-    return Dataset(
-        facts=replace(table.header.data, fingerprint=table.digest),
-        images=table.path,
-        targets=no_rows,
-        train=no_rows,
-        validation=no_rows,
-        test=no_rows,
-        mean=(),
-        deviation=(),
-        offset=(),
-        scale=(),
-    )
+@dataclass(frozen=True, slots=True)
+class LookedUp:
+    """Probes and trainings are those of a table (see `tacevo.runs.datasets.Answering`)."""
+
+    config: RunConfig
+
+    @property
+    def run(self) -> RunJob:
+        """What answers probes with recorded profiles or refusals; errors of this and all others are of `table_of`."""
+        return probes_of(table_of(self.config))
+
+    @property
+    def evaluator(self) -> Callable[..., Evaluator]:
+        """What makes the evaluator of a search."""
+        table, seed, own = table_of(self.config), self.config.seed, self.config.training.seeds
+        numbered = [training_seed(seed, number) for number in range(own)]
+        numbered += [noise_seed(seed, number) for number in range(len(table.header.seeds) - own)]
+        return partial(_LookedUp, table, numbered)
+
+    def data(self, view: Progress, catalogue: Catalogue | None) -> Dataset:
+        """Return the data set of the table without its images; the table's digest is its fingerprint."""
+        table, no_rows = table_of(self.config), np.zeros(0, np.int64)
+        return Dataset(
+            facts=replace(table.header.data, fingerprint=table.digest),
+            images=table.path,
+            targets=no_rows,
+            train=no_rows,
+            validation=no_rows,
+            test=no_rows,
+            mean=(),
+            deviation=(),
+            offset=(),
+            scale=(),
+        )
+
+    def trivial(self, task: Task, data: Dataset) -> float:
+        """Return the trivial loss that the table recorded."""
+        return table_of(self.config).header.trivial
 
 
 def probes_of(table: SpaceTable) -> RunJob:
@@ -103,7 +130,7 @@ def probes_of(table: SpaceTable) -> RunJob:
     return answer
 
 
-class LookedUp(Evaluator):
+class _LookedUp(Evaluator):
     """The trainings of a search, each the beginning of a recorded one.
 
     Which recorded seed stands for a training seed is drawn for each source: noise is independent between networks, and
@@ -117,12 +144,13 @@ class LookedUp(Evaluator):
         table: SpaceTable,
         numbered: Sequence[int],
         *,
+        run: RunJob,
         store: Store,
         setting: Setting,
         examples: Examples,
         rules: int,
     ) -> None:
-        super().__init__(run=probes_of(table), store=store, setting=setting, examples=examples, rules=rules)
+        super().__init__(run=run, store=store, setting=setting, examples=examples, rules=rules)
         self._table, self._numbered = table, numbered
 
     def _train(self, data: Examples, source: str, seed: int) -> Training | Rejection:

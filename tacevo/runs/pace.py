@@ -16,19 +16,19 @@ from statistics import median
 
 import numpy as np
 
-from tacevo.choices import Device, ExecutorKind, Numerics
+from tacevo.choices import Device, Numerics
 from tacevo.config.schema import OutputConfig, RunConfig, StoreConfig
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import split_rows
-from tacevo.environment import usable_cores
 from tacevo.errors import RunError, TacevoError
+from tacevo.parts.facts import HERE
 from tacevo.randomness import stream
 from tacevo.records import Kind, Mode, Rejection
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import source_of
+from tacevo.runs.local import trainings_at_once
 from tacevo.runs.wiring import Workbench, check_means
-from tacevo.training.leases import visible_gpus
 
 #: How much longer than the baseline's a candidate's training takes, in the mean of 80 networks drawn from the two
 #: published searches, and how many generations these had. A shorter search is taken to have less of it (docs/scale.md).
@@ -62,7 +62,7 @@ class Pace:
         """
         trained = growth(config) * config.training.epochs * images / self.images_per_second
         waited = (self.start + self.gate / config.training.seeds) / self.at_once
-        machines = 1.0 if config.executor.kind is ExecutorKind.local else config.executor.workers / self.at_once
+        machines = 1.0 if config.executor.is_here else config.executor.workers / self.at_once
         return trainings(config) * (trained + waited) / machines
 
 
@@ -82,13 +82,6 @@ def trainings(config: RunConfig) -> int:
     """Return how many trainings a search has at most: every candidate is admitted, and no two are equal."""
     search = config.search
     return (1 + search.initial + search.generations * search.candidates) * config.training.seeds
-
-
-def trainings_at_once(config: RunConfig) -> int:
-    """Return how many trainings run here together: one for each worker, core and share of a GPU; at least one."""
-    is_on_cpu = config.training.device is Device.cpu
-    places = usable_cores() if is_on_cpu else config.executor.per_gpu * len(visible_gpus())
-    return max(1, min(config.executor.workers, places))
 
 
 def training_images(config: RunConfig) -> int:
@@ -143,7 +136,7 @@ def part_saved(config: RunConfig, images: int) -> float:
         A number in [0, 1): 0 where it saves nothing, trainings run elsewhere or with other numerics, this CPU lacks
         AVX-512, or the baseline does not train.
     """
-    is_here = config.executor.kind is ExecutorKind.local and config.training.device is Device.cpu
+    is_here = config.executor.is_here and config.training.device is Device.cpu
     if not (is_here and config.numerics.kind is Numerics.portable):
         return 0.0
     faster = replace(config, numerics=replace(config.numerics, kind=Numerics.portable512))
@@ -166,7 +159,7 @@ def part_saved(config: RunConfig, images: int) -> float:
 @contextlib.contextmanager
 def _baseline(config: RunConfig, workers: int) -> Iterator[tuple[Workbench, str]]:
     """Open what trains the baseline on one batch of noise, by so many workers; yield that and its source."""
-    executor = replace(config.executor, kind=ExecutorKind.local, workers=workers)
+    executor = replace(config.executor, kind=HERE, workers=workers)
     check_means(replace(config, executor=executor))
     with tempfile.TemporaryDirectory() as folder:
         here = replace(config, store=StoreConfig(root=folder), run=OutputConfig(dir=folder), executor=executor)

@@ -3,15 +3,15 @@
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import yaml
 
-from tacevo.choices import OPTIONAL_SAMPLING, Provider
+from tacevo.choices import OPTIONAL_SAMPLING
 from tacevo.config.arms import GROUP, read_arm, split_arm
+from tacevo.config.chosen import own_settings, part_of
 from tacevo.config.conf_folder import config_file, read_named
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.config.strict_yaml import read_yaml
@@ -20,24 +20,16 @@ from tacevo.errors import ConfigError
 from tacevo.evolution.development import LLM
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.llm.budget import Account, BudgetedLLM
-from tacevo.llm.failures import Models
-from tacevo.llm.grammar.provider import MODEL as GRAMMAR
-from tacevo.llm.grammar.provider import GrammarLLM
-from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.prices import PriceTable
-from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused, unkept
-from tacevo.records import Delivery, Mode, Price, Setting, to_json
+from tacevo.llm.recording import RecordingLLM, ever_refused, unkept
+from tacevo.parts.kinds import PROVIDERS
+from tacevo.parts.provider import Provider
+from tacevo.records import Json, Mode, Price, Setting, to_json
 from tacevo.redaction import names_place, without_password
-from tacevo.storage.canonical import content_hash
+from tacevo.storage.canonical import canonical, content_hash
 from tacevo.storage.store import Store, Stores
 from tacevo.text import counted
 from tacevo.typed import parse
-
-#: The variable that tells a provider's SDK of another address, and the host of the provider's own servers.
-_OWN = {
-    Provider.anthropic: ("ANTHROPIC_BASE_URL", "api.anthropic.com"),
-    Provider.openai: ("OPENAI_BASE_URL", "api.openai.com"),
-}
 
 
 def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) -> LLM:
@@ -54,7 +46,7 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
     if mode is Mode.replay or llm.mode is Mode.replay:
         return RecordingLLM(None, stores.of("completions", Mode.replay))
     prices = prices_of(llm)
-    provider = _provider(llm, root, prices)
+    provider: Provider = part_of(config, PROVIDERS, prices=prices)
     account = Account(prices.price_of)
     if llm.budget_usd is not None:
         provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
@@ -70,17 +62,17 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
 
 def asks_elsewhere(llm: LLMConfig) -> bool:
     """Return whether another server than the provider's own is asked, by llm.base_url or as its SDK was told."""
-    if llm.provider not in _OWN:
+    if not llm.facts.host:
         return False
-    variable, host = _OWN[llm.provider]
-    address = llm.base_url or os.environ.get(variable)
-    return bool(address) and re.match(rf"https://([\w-]+\.)*{re.escape(host)}(:\d+)?(/|$)", str(address)) is None
+    address = llm.base_url or os.environ.get(llm.facts.variable)
+    return (
+        bool(address) and re.match(rf"https://([\w-]+\.)*{re.escape(llm.facts.host)}(:\d+)?(/|$)", str(address)) is None
+    )
 
 
 def server_of(llm: LLMConfig) -> str:
     """Return where a hosted model is asked: an address without its password, or the host of the provider's own."""
-    variable, host = _OWN[llm.provider]
-    return without_password(llm.base_url or os.environ.get(variable) or host)
+    return without_password(llm.base_url or os.environ.get(llm.facts.variable) or llm.facts.host)
 
 
 def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bool) -> list[str]:
@@ -92,7 +84,7 @@ def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bo
         before: what the answers so far cost; those that come are taken to be as long.
         elsewhere: whether another server than the provider's own gave these.
     """
-    if llm.provider not in _OWN or llm.mode is Mode.replay:
+    if not llm.facts.host or llm.mode is Mode.replay:
         return []
     others = elsewhere and not asks_elsewhere(llm)
     own = ", the provider's own and not the server that answered so far (llm.base_url=URL names that)" if others else ""
@@ -141,7 +133,7 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
     settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
     llm = config.llm
-    chosen = (llm.name, llm.max_tokens, provider_settings(llm))
+    chosen = (llm.name, llm.max_tokens, provider_settings(llm, own_settings(config, llm.provider)))
     if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
         raise ConfigError(
             f"{llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
@@ -151,46 +143,18 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
         )
 
 
-def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
-    """Name what else an answer depends on, beside the request's own fields; what is not set is not named."""
-    if llm.provider is Provider.grammar:
+def provider_settings(llm: LLMConfig, own: Mapping[str, Json] | None = None) -> tuple[tuple[str, Setting], ...]:
+    """Name what else an answer depends on, beside the request's own fields; what is not set is not named.
+
+    `own` are the settings of a provider that is not ours: all of them are named.
+    """
+    if not llm.facts.is_model:
         slips: tuple[str, Setting] = ("slip_rate", llm.slip_rate)
         return (slips,) if llm.space is None else (slips, ("space", content_hash(to_json(llm.space))))
     chosen = {key: getattr(llm, key) for key in OPTIONAL_SAMPLING}
-    return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in chosen.items() if value)
-
-
-def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
-    store = Store(root, "completions")
-    match llm.provider:
-        case Provider.grammar:
-            if llm.model != GRAMMAR:
-                raise ConfigError(
-                    repr(llm.model),
-                    place="llm.model",
-                    expected=f"{GRAMMAR} for llm=grammar",
-                    remedy="an earlier grammar's run replays from its record; a new search asks this one",
-                )
-            return GrammarLLM(slip_rate=llm.slip_rate, space=llm.space)
-        case Provider.anthropic:
-            from tacevo.llm import anthropic, batches
-
-            models = Models("llm=anthropic", partial(ever_answered, store), prices=prices, unlabelled=_unlabelled(llm))
-            if llm.delivery is Delivery.direct:
-                return _hosted(llm, anthropic.connect, models)
-            connect = partial(anthropic.connect_batches, llm.base_url)
-            connect().close()  # a missing key is reported at once
-            return batches.BatchLLM(connect, store=store, directory=root / "batches", models=models)
-        case Provider.openai:
-            from tacevo.llm import openai
-
-            models = Models("llm=openai", partial(ever_answered, store), unlabelled=_unlabelled(llm))
-            return _hosted(llm, partial(openai.connect, dialect=openai.Dialect()), models)
-
-
-def _hosted(llm: LLMConfig, connect: Callable[[str | None, int], Server], models: Models) -> HostedLLM:
-    connect(llm.base_url, 1)  # a missing key is reported at once
-    return HostedLLM(partial(connect, llm.base_url, llm.concurrency), concurrency=llm.concurrency, models=models)
+    sampling = {key: tuple(value) if isinstance(value, list) else value for key, value in chosen.items() if value}
+    more = {name: canonical(value) for name, value in (own or {}).items()}
+    return tuple(sorted((sampling | more).items()))
 
 
 def _price(llm: LLMConfig, prices: PriceTable) -> Price:

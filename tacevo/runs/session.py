@@ -7,20 +7,23 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from tacevo.choices import DataSource, ExecutorKind, Tracking
+from tacevo.config.chosen import part_of
 from tacevo.config.identity import length
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.costs import Spending, spending_on, total
 from tacevo.data.dataset import Dataset
 from tacevo.environment import checked_out, machine, versions
-from tacevo.errors import DivergenceError, RunError, telling
+from tacevo.errors import ConfigError, DivergenceError, RunError, telling
 from tacevo.evolution.development import LLM, Outcome
 from tacevo.evolution.lines import GenerationLine, SearchLine
 from tacevo.evolution.run_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.llm.recording import RecordingLLM
+from tacevo.parts.kinds import TRACKERS
+from tacevo.parts.tracker import Mirror, Tracker, Untracked
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, to_json, written
 from tacevo.redaction import without_password
 from tacevo.results.run import RecordedRun
@@ -30,19 +33,18 @@ from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.doubts import doubts_of
-from tacevo.runs.pace import part_saved, trainings_at_once
+from tacevo.runs.local import trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.usable import UsableAnswers
-from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote, stores_of
-from tacevo.sandbox.client import RunJob, Zygote
+from tacevo.runs.wiring import Workbench, build_plan, check_means, started_ahead, stores_of
+from tacevo.sandbox.client import RunJob
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.store import remove_leftovers_in_stores
-from tacevo.tracking.process import Mirror
 
 #: Seconds that a finished search or study waits for the mirror; what is left, the mirror finishes on its own.
 MIRROR_SECONDS = 30.0
@@ -74,12 +76,12 @@ def search(config: RunConfig, view: Progress) -> Result:
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     llm = needed_llm(config)
-    with start_zygote(config) as zygote:
+    with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)
         for doubt in doubts_of(config, task, data):
             view.say(f"warning: {doubt}")
-        return record(config, task, data, view, zygote=zygote, llm=llm)
+        return record(config, task, data, view, started=started, llm=llm)
 
 
 def needed_llm(config: RunConfig) -> LLM:
@@ -87,9 +89,10 @@ def needed_llm(config: RunConfig) -> LLM:
 
     Raises:
         SandboxError: as `check_means`.
-        ConfigError: as `check_means`; or the model's key is missing.
+        ConfigError: as `check_means`; the model's key is missing; or a part is.
     """
     check_means(config)
+    part_of(config, TRACKERS)
     return build_llm(config, Mode.record)
 
 
@@ -101,14 +104,14 @@ def record(
     *,
     begun: Sealed[Line] | None = None,
     run: RunJob | None = None,
-    zygote: Zygote | None = None,
+    started: Any = None,
     llm: LLM | None = None,
     parts_of: Path | None = None,
 ) -> Result:
     """Run a search into its run directory, or resume the one that was begun there.
 
     `begun` is the ledger of another run that this one continues; the search is compared with its lines as with those
-    of a stopped run. `run`, `zygote` and `llm` are as of `Workbench`. The sources of parts that a user brought are
+    of a stopped run. `run`, `started` and `llm` are as of `Workbench`. The sources of parts that a user brought are
     those of the run `parts_of`, or else those that composing read.
 
     Raises:
@@ -116,7 +119,7 @@ def record(
     """
     with Decisions(stores_of(config).of("decisions", Mode.record)) as decisions:
         parts = Parts.of(config, decisions, parts_of)
-        return _record(config, task, data, view, parts, begun=begun, run=run, zygote=zygote, llm=llm)
+        return _record(config, task, data, view, parts, begun=begun, run=run, started=started, llm=llm)
 
 
 def _record(
@@ -128,7 +131,7 @@ def _record(
     *,
     begun: Sealed[Line] | None,
     run: RunJob | None,
-    zygote: Zygote | None,
+    started: Any,
     llm: LLM | None,
 ) -> Result:
     """Run a search, as `record` does, with the parts that decide in it."""
@@ -152,7 +155,6 @@ def _record(
             view.say(f"warning: {warning}")
         with mirrored(config, directory, view):
             usable, walls = UsableAnswers(config.search.stop_after_unusable), Walls(directory)
-            is_elsewhere = config.executor.kind is ExecutorKind.ray
             observer = _Recorder(
                 directory,
                 ledger,
@@ -161,8 +163,8 @@ def _record(
                 usable=usable,
                 trivial=trivial,
                 did=evaluated(config),
-                at_once=config.executor.workers if is_elsewhere else trainings_at_once(config),
-                saving=partial(part_saved, config, len(data.train)),
+                at_once=trainings_at_once(config) if config.executor.is_here else config.executor.workers,
+                saving=partial(_saved, config, len(data.train)),
                 elsewhere=asks_elsewhere(config.llm),
             )
             with Workbench(
@@ -174,7 +176,7 @@ def _record(
                 notice=walls.note,
                 say=view.say,
                 run=run,
-                zygote=zygote,
+                started=started,
                 llm=llm,
             ) as bench:
                 state = run_under(CURRENT, plan, bench.effects, ledger, observer)
@@ -189,9 +191,18 @@ def _record(
             summary=summary,
             best=name,
             succeeded=succeeded,
-            looked_up=config.data.source is DataSource.table,
+            looked_up=config.data.facts.is_looked_up,
             asked=llm.tally.in_words if isinstance(llm, RecordingLLM) else "",
         )
+
+
+def _saved(config: RunConfig, images: int) -> float:
+    """Measure what faster numerics would save, as `part_saved`, a hint that takes a room which may be missing."""
+    try:
+        from tacevo.runs.pace import part_saved
+    except ModuleNotFoundError:
+        return 0.0
+    return part_saved(config, images)
 
 
 def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
@@ -300,17 +311,23 @@ def _finish(
 @contextlib.contextmanager
 def mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iterator[None]:
     """Let a mirror follow a run, where one is wanted; it cannot stop what is done meanwhile."""
-    if config.tracking.kind is Tracking.none:
-        yield
-        return
-    mirror = Mirror(directory.path, uri=config.tracking.uri, experiment=config.tracking.experiment)
-    mirror.start()
+    mirror = _tracker_of(config, view).mirror([directory.path])
     finished = False
     try:
         yield
         finished = True
     finally:
-        _wait_for([mirror], view, finished=finished)
+        _wait_for([mirror] if mirror else [], view, finished=finished)
+
+
+def _tracker_of(config: RunConfig, view: Progress) -> Tracker:
+    """Return what mirrors a run; where that is not installed, a recorded run is studied without."""
+    try:
+        tracker: Tracker = part_of(config, TRACKERS)
+    except ConfigError as error:
+        view.say(f"warning: nothing is mirrored: {error}")
+        return Untracked()
+    return tracker
 
 
 @contextlib.contextmanager
@@ -326,24 +343,19 @@ def mirrored_together(view: Progress) -> Iterator[list[tuple[RunConfig, RunDirec
         yield runs
         finished = True
     finally:
-        places: dict[tuple[str, str], list[Path]] = {}
+        places: dict[Tracker, list[Path]] = {}
         for config, directory in runs:
-            if config.tracking.kind is not Tracking.none:
-                places.setdefault((config.tracking.uri, config.tracking.experiment), []).append(directory.path)
-        mirrors = [
-            Mirror(first, uri=uri, experiment=experiment, more=more)
-            for (uri, experiment), (first, *more) in places.items()
-        ]
-        for mirror in mirrors:
-            mirror.start()
-        if mirrors:
-            _wait_for(mirrors, view, finished=finished)
+            places.setdefault(_tracker_of(config, view), []).append(directory.path)
+        mirrors = [mirror for tracker, paths in places.items() if (mirror := tracker.mirror(paths))]
+        _wait_for(mirrors, view, finished=finished)
 
 
 def _wait_for(mirrors: Sequence[Mirror], view: Progress, *, finished: bool) -> None:
     """End mirrors, and wait for them where the work that they mirror is finished."""
+    if not mirrors:
+        return
     if finished:
-        view.say(f"MLflow: waiting for its last lines, {MIRROR_SECONDS:.0f} s at most")
+        view.say(f"mirror: waiting for its last lines, {MIRROR_SECONDS:.0f} s at most")
     deadline = time.monotonic() + (MIRROR_SECONDS if finished else 0.0)
     for mirror in mirrors:
         warning = mirror.finish(max(0.0, deadline - time.monotonic()))

@@ -7,14 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
-from typing import NoReturn, Self
+from typing import Any, NoReturn, Self
 
-from tacevo.choices import ArchiveKind, BoundsRule, DataSource, Device, ExecutorKind, Numerics
-from tacevo.cluster.cluster import Cluster, Notice
-from tacevo.cluster.connection import check_head, import_ray
-from tacevo.cluster.facts import Order
-from tacevo.cluster.node_images import describe
+from tacevo.choices import ArchiveKind, BoundsRule, Device, Numerics
 from tacevo.config.checks import check_device
+from tacevo.config.chosen import own_settings, part_of
 from tacevo.config.schema import ArchiveConfig, NumericsConfig, RunConfig, TrainingConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
@@ -24,22 +21,21 @@ from tacevo.evolution.development import LLM, Effects
 from tacevo.evolution.proposals import Settings
 from tacevo.evolution.state import Budget, Plan
 from tacevo.gate.admission import DataImages, Gate, GateLimits
-from tacevo.randomness import derived_seed
+from tacevo.parts.executor import Executor, Notice, Order
+from tacevo.parts.kinds import EXECUTORS
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, EAGER, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
-from tacevo.runs.datasets import examples_of, held_out_of
+from tacevo.runs.datasets import answering, examples_of, held_out_of
 from tacevo.runs.deciding import Decisions, Parts
-from tacevo.runs.looked_up import LookedUp, probes_of, table_of
 from tacevo.runs.providers import build_llm, provider_settings
-from tacevo.sandbox.client import Died, Finished, RunJob, Sandbox, Score, Zygote
-from tacevo.sandbox.confinement import check_confinement, in_force
+from tacevo.runs.seeds import training_seed
+from tacevo.sandbox.client import Died, Finished, RunJob, Score
 from tacevo.storage.array_store import KIND, ArrayStore
 from tacevo.storage.store import Store, Stores
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Setting
 from tacevo.training.full import FullEvaluator
-from tacevo.training.leases import Leases, visible_gpus
-from tacevo.training.numerics import check_machine
+from tacevo.training.numerics import environment
 from tacevo.training.weights import Weighed, train_and_weigh
 from tacevo.typed import convert
 
@@ -104,7 +100,7 @@ def build_settings(config: RunConfig, parts: Parts) -> Settings:
         jitter=config.temperature.jitter,
         model=config.llm.name,
         max_tokens=config.llm.max_tokens,
-        llm=provider_settings(config.llm),
+        llm=provider_settings(config.llm, own_settings(config, config.llm.provider)),
         system=config.llm.system,
         operator_for=config.proposals.operator_for,
         pool=config.prompts.pool,
@@ -145,25 +141,14 @@ def _tessellation(archive: ArchiveConfig, niches: int, dimensions: int, store: S
     return Tessellation(centroids)
 
 
-def training_seed(seed: int, number: int) -> int:
-    """Return the training seed of a number, from 0, of a run's seed; number 0 has the name that it had by itself."""
-    return derived_seed(seed, "training", *([number] if number else []))
+def started_ahead(config: RunConfig) -> AbstractContextManager[Any]:
+    """Start what the executor needs and what takes seconds, in which the search can load its data and plan.
 
-
-def noise_seed(seed: int, number: int) -> int:
-    """Return the training seed of a number, from 0, of the noise runs of a run's seed."""
-    return derived_seed(seed, "noise", number)
-
-
-def start_zygote(config: RunConfig) -> AbstractContextManager[Zygote | None]:
-    """Start the process that imports torch: that takes seconds, in which the search can load its data and plan.
-
-    It is None where candidates run elsewhere, or nowhere.
+    It yields the `started` of a `Workbench`: None where there is nothing to start.
     """
-    if config.executor.kind is ExecutorKind.ray or config.data.source is DataSource.table:
+    if answering(config).run is not None:
         return contextlib.nullcontext()
-    order = _order(config)
-    return Zygote(order.entries, order.environment, equip=order.equip)
+    return _executor(config).ahead(_order(config))
 
 
 def check_means(config: RunConfig) -> None:
@@ -172,20 +157,18 @@ def check_means(config: RunConfig) -> None:
     Raises:
         SandboxError: they cannot be confined so here.
         ConfigError: this machine cannot compute so, or device, numerics, walls and executor do not go together; or Ray
-            is asked for and not installed, or not at its address; or as `table_of`.
+            is asked for and not installed, or not at its address; or evaluations are looked up, and as `table_of`.
     """
-    if config.data.source is DataSource.table:
-        table_of(config)
+    if answering(config).run is not None:
         return  # nothing runs
     check_device(config)
-    match config.executor.kind:
-        case ExecutorKind.local:
-            check_confinement(config.sandbox.require)
-            check_machine(config.numerics.kind, config.training.device, config.training.gpu)
-        case ExecutorKind.ray:
-            import_ray(config.executor.address)
-            if config.executor.address is not None:
-                check_head(config.executor.address)
+    _executor(config).check(_order(config))
+
+
+def _executor(config: RunConfig) -> Executor:
+    """Return what runs candidates."""
+    executor: Executor = part_of(config, EXECUTORS)
+    return executor
 
 
 @dataclass(eq=False)
@@ -211,8 +194,8 @@ class Workbench:
     say: Callable[[str], None] | None = None
     #: What runs jobs: that of the executor, unless something else is given.
     run: RunJob | None = None
-    #: Of `start_zygote`, for the sandbox; one starts with the first job where there is none.
-    zygote: Zygote | None = None
+    #: Of `started_ahead`.
+    started: Any = None
     #: Of `build_llm`, in this mode; built where it is needed if there is none.
     llm: LLM | None = None
     _stack: contextlib.ExitStack = field(init=False, default_factory=contextlib.ExitStack)
@@ -250,7 +233,7 @@ class Workbench:
     def gate(self, rules: Rules) -> Gate:
         """Return the gate of the task."""
         gate, mode, images = self.config.gate, self._mode_under(rules), self._probed_images()
-        is_known = images is not None or mode is Mode.replay or self.config.data.source is DataSource.table
+        is_known = images is not None or mode is Mode.replay or self.config.data.facts.is_looked_up
         return Gate(
             run=self._sandbox(mode),
             answers=self._store("answers", mode),
@@ -272,7 +255,7 @@ class Workbench:
 
     def _probed_images(self) -> DataImages | None:
         """Return the images of the data set that a probe shows; None where none is at hand."""
-        if self.data is None or self.config.data.source is DataSource.table:
+        if self.data is None or self.config.data.facts.is_looked_up:
             return None
         examples = examples_of(self.data)
         return DataImages.of(examples.train, examples.mean, examples.deviation)
@@ -281,19 +264,8 @@ class Workbench:
         """Return what trains candidates as a search under these rules does; under older ones it stores nothing."""
         store, setting = self._store("evaluations", self._mode_under(rules)), self._setting(rules.training)
         examples = None if self.data is None else examples_of(self.data)
-        if examples is not None and self.config.data.source is DataSource.table:
-            table = table_of(self.config)
-            seed, own = self.config.seed, self.config.training.seeds
-            numbered = [training_seed(seed, number) for number in range(own)]
-            numbered += [noise_seed(seed, number) for number in range(len(table.header.seeds) - own)]
-            return LookedUp(table, numbered, store=store, setting=setting, examples=examples, rules=rules.training)
-        return Evaluator(
-            run=self._sandbox(self.mode),
-            store=store,
-            setting=setting,
-            examples=examples,
-            rules=rules.training,
-        )
+        kind = Evaluator if examples is None else answering(self.config).evaluator
+        return kind(run=self._sandbox(self.mode), store=store, setting=setting, examples=examples, rules=rules.training)
 
     def studies(self, rules: int, scale: Sequence[float], *, predictions: bool = True) -> FullEvaluator:
         """Return what trains and tests networks fully, under the rules of that number; under older ones none is stored.
@@ -344,41 +316,18 @@ class Workbench:
         return noting
 
     def _runner(self) -> RunJob:
-        if self.run is None and self.config.data.source is DataSource.table:
-            self.run = probes_of(table_of(self.config))
         if self.run is None:
-            match self.config.executor.kind:
-                case ExecutorKind.local:
-                    self.run = self._stack.enter_context(self._here()).run
-                    if self.config.training.device is Device.cuda:
-                        self.run = Leases(self.run, visible_gpus(), self.config.executor.per_gpu).run
-                case ExecutorKind.ray:
-                    self.run = self._stack.enter_context(self._elsewhere()).run
+            self.run = answering(self.config).run
+        if self.run is None:
+            opened = _executor(self.config).open(
+                _order(self.config),
+                None if self.data is None else self.data.images,
+                started=self.started,
+                notice=self.notice,
+                say=self.say,
+            )
+            self.run = self._stack.enter_context(opened)
         return self.run
-
-    def _here(self) -> Sandbox:
-        notice, order = self.notice, _order(self.config)
-        return Sandbox(
-            entries=order.entries,
-            environment=order.environment,
-            arrays={} if self.data is None else {"images": self.data.images},
-            strongest=order.strongest,
-            notice=None if notice is None else lambda measures: notice(in_force(measures)),
-            zygote=self.zygote,
-            equip=order.equip,
-        )
-
-    def _elsewhere(self) -> Cluster:
-        executor, data = self.config.executor, self.data
-        images = None if data is None else (describe(data.images), data.images)
-        return Cluster(
-            _order(self.config),
-            images,
-            address=executor.address,
-            workers=executor.workers,
-            notice=self.notice,
-            say=self.say,
-        )
 
     def _store(self, kind: str, mode: Mode) -> Store:
         return (self.stores or stores_of(self.config)).of(kind, mode)
@@ -402,6 +351,7 @@ def _order(config: RunConfig) -> Order:
     return Order(
         entries=ENTRIES,
         equip=None if device is Device.cpu else evaluation.EQUIP,
+        environment=environment(config.numerics.kind, device),
         numerics=config.numerics.kind,
         device=device,
         gpu=config.training.gpu,

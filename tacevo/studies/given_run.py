@@ -19,7 +19,7 @@ from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import needed_llm, record
-from tacevo.runs.wiring import Workbench, start_zygote
+from tacevo.runs.wiring import Workbench, started_ahead
 from tacevo.text import counted
 
 
@@ -35,7 +35,7 @@ def record_given(config: RunConfig, files: Mapping[Path, Given], view: Progress)
         TacevoError: as `tacevo.runs.session.search`; what was computed so far is kept.
     """
     llm = needed_llm(config)
-    with start_zygote(config) as zygote:
+    with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)
         # All of them are judged before the first is trained; the run recalls these verdicts.
@@ -48,7 +48,7 @@ def record_given(config: RunConfig, files: Mapping[Path, Given], view: Progress)
             f"the run trains each of {counted(len(given) + 1, 'network')} for {counted(epochs, 'epoch')} first, as a "
             f"search does, unless that is recorded (training.epochs={epochs}); the study trains them anew"
         )
-        return record(config, replace(task, given=given), data, view, zygote=zygote, llm=llm).directory
+        return record(config, replace(task, given=given), data, view, started=started, llm=llm).directory
 
 
 def _admitted(gate: Gate, path: Path, network: Given) -> Given:

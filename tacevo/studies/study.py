@@ -13,7 +13,7 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import ChosenBy, DataSource, FitnessRule
+from tacevo.choices import ChosenBy, FitnessRule
 from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.config.sources import is_of_data
 from tacevo.config.study import NoiseConfig, StudyConfig
@@ -42,10 +42,10 @@ from tacevo.results.study_lines import (
 from tacevo.results.table_files import with_table
 from tacevo.rules import CURRENT, EAGER, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, load_same, source_of
-from tacevo.runs.looked_up import check_fresh
 from tacevo.runs.progress import Progress
+from tacevo.runs.seeds import noise_seed
 from tacevo.runs.session import mirrored
-from tacevo.runs.wiring import Workbench, check_means, noise_seed, recipe_under, trained_by
+from tacevo.runs.wiring import Workbench, check_means, recipe_under, trained_by
 from tacevo.storage.files import in_use
 from tacevo.storage.plan_file import SeedPlan, read_plan
 from tacevo.storage.run_directory import RunDirectory
@@ -207,10 +207,12 @@ def _carry_out(
     here = with_table(plan.run.with_data, plan.run.record.data.fingerprint, plan.run.path)
     run = replace(plan.config, data=elsewhere or here.data)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
-    is_looked_up = run.data.source is DataSource.table and plan.header.terms is None
+    is_looked_up = run.data.facts.is_looked_up and plan.header.terms is None
     source = None if is_looked_up else source_of(run)
     check_means(run)
     if is_looked_up:
+        from tacevo.runs.looked_up import check_fresh
+
         check_fresh(run, plan.header.seeds)
     catalogue = None if source is None else source.catalogue()
     if elsewhere is None:

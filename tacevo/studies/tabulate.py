@@ -11,7 +11,6 @@ from concurrent.futures import as_completed
 from dataclasses import replace
 from pathlib import Path
 
-from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.schema import ExecutorConfig, RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.data.dataset import Dataset
@@ -20,6 +19,7 @@ from tacevo.errors import ConfigError, telling
 from tacevo.llm.grammar.parsing import UnreadableError, parse
 from tacevo.llm.grammar.rendering import render
 from tacevo.llm.grammar.space import Genome, genomes, member
+from tacevo.parts.facts import HERE
 from tacevo.profile import Admitted
 from tacevo.records import DataFacts, Mode, Rejection, Task, to_json
 from tacevo.results.publishable import published_config
@@ -28,7 +28,8 @@ from tacevo.results.table_records import Header, SpaceTable, TableNetwork, Table
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.progress import Progress
-from tacevo.runs.wiring import Workbench, check_means, start_zygote, training_seed
+from tacevo.runs.seeds import training_seed
+from tacevo.runs.wiring import Workbench, check_means, started_ahead
 from tacevo.text import counted, lasting
 
 #: Lines that say how much is done, over a whole table.
@@ -46,13 +47,13 @@ def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
     """
     if config.llm.space is None:
         raise ConfigError("null", place="llm.space", expected="a closed space", remedy="set llm=grammar_space")
-    if config.data.source is DataSource.table:
+    if config.data.facts.is_looked_up:
         raise ConfigError("table", place="data", expected="images to train on")
     check_means(config)
-    with start_zygote(config) as zygote:
+    with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)
-        with Workbench(config, task, data.facts, Mode.record, data=data, say=view.say, zygote=zygote) as bench:
+        with Workbench(config, task, data.facts, Mode.record, data=data, say=view.say, started=started) as bench:
             header = header_of(config, task, data.facts, trivial_of(config, task, data))
             every = members(config, task)
             check_size(header, len(every))
@@ -67,7 +68,7 @@ def header_of(config: RunConfig, task: Task, facts: DataFacts, trivial: float, *
     """Return what the rows of a configuration's table follow from."""
     return Header(
         made_up=made_up,
-        config=published_config(to_json(replace(config, executor=ExecutorConfig(kind=ExecutorKind.local, workers=1)))),
+        config=published_config(to_json(replace(config, executor=ExecutorConfig(kind=HERE, workers=1)))),
         task=task,
         data=facts,
         seeds=tuple(training_seed(config.seed, number) for number in range(config.training.seeds)),

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import yaml
 
-from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.schema import RunConfig
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.environment import install
@@ -90,9 +89,9 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
 def needed_cores(config: RunConfig) -> float:
     """Return how many cores a job needs where it runs: hardly one where its candidates run on a given Ray cluster."""
     executor = config.executor
-    if config.data.source is DataSource.table:  # nothing is trained
+    if config.data.facts.is_looked_up:  # nothing is trained
         return 1
-    return _DRIVER if executor.kind is ExecutorKind.ray and executor.address else executor.workers
+    return _DRIVER if not executor.is_here and executor.address else executor.workers
 
 
 def fitted(launcher: Launcher, *, jobs: int, needed: float, cores: int) -> Launcher:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import DataSource, Primary, SplitRule, Varied
+from tacevo.choices import Primary, SplitRule, Varied
 from tacevo.config.arms import NONE
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
@@ -42,7 +42,7 @@ def settled(directory: SweepDirectory, asked: Asked, config: RunConfig) -> Sweep
     """
     plan = None if asked.plan is None else read_plan(asked.plan, "sweep", config.task.name)
     if not directory.is_one:
-        is_looked_up = config.data.source is DataSource.table
+        is_looked_up = config.data.facts.is_looked_up
         primary = asked.primary or (Primary.new_quartile if is_looked_up else Primary.test_score)
         if is_looked_up and primary.is_tested:
             expected = "another metric with data=table, which has no test images"
@@ -106,7 +106,7 @@ def check_varied(config: RunConfig, vary: Collection[Varied], overrides: Sequenc
         if key is Varied.splitting:
             holds, needed = config.data.split is SplitRule.random, "data.split=random"
         else:
-            holds, needed = config.data.source is DataSource.simulated, "simulated data"
+            holds, needed = config.data.facts.is_made, "simulated data"
         if not holds:
             raise ConfigError(f"{key} without {needed}", place="--vary", expected="a setting that has an effect")
 

@@ -18,19 +18,21 @@ from refusals import refused
 from tacevo.choices import Confinement, Device, Numerics
 from tacevo.cluster import node_images as files
 from tacevo.cluster.connection import check_head, import_ray, is_guarded, kept_environment
-from tacevo.cluster.facts import Facts, Order, check_alike, facts_here
+from tacevo.cluster.facts import Facts, check_alike, facts_here
 from tacevo.cluster.node import ClusterNode
 from tacevo.cluster.node_images import Images
 from tacevo.cluster.node_members import join, works
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, DataError, SandboxError
+from tacevo.parts.executor import Order
 from tacevo.runs.wiring import check_means
 from tacevo.sandbox.confinement import available
-from tacevo.training.numerics import check_cpu
+from tacevo.training.numerics import check_cpu, environment
 
 ORDER = Order(
     entries={},
     equip=None,
+    environment=environment(Numerics.portable, Device.cpu),
     numerics=Numerics.portable,
     device=Device.cpu,
     gpu=None,
@@ -54,7 +56,10 @@ def test_node_that_differs_is_refused_by_name(name: str) -> None:
 
 def test_packages_rules_and_numerics_decide() -> None:
     """With fast numerics the model of the CPU does, too."""
-    decisive, fast = (facts_here(order).decisive.keys() for order in (ORDER, replace(ORDER, numerics=Numerics.fast)))
+    decisive, fast = (
+        facts_here(order).decisive.keys()
+        for order in (ORDER, replace(ORDER, numerics=Numerics.fast, environment=environment(Numerics.fast, Device.cpu)))
+    )
     packages = {"python", "tacevo", "code", "torch", "numpy", "ATEN_CPU_CAPABILITY"}
     assert {*packages, "rules of training", "rules of probe", "rules of study"} <= decisive
     assert ("ATEN_CPU_CAPABILITY" in fast, fast - decisive) == (False, {"cpu"})

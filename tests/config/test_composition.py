@@ -12,7 +12,7 @@ import yaml
 from refusals import refused
 from sweeps import composed
 
-from tacevo.choices import DataSource, SplitRule
+from tacevo.choices import SplitRule
 from tacevo.config import compose as composing
 from tacevo.config import conf_folder
 from tacevo.config.compose import compose, compose_study, composer, spread
@@ -22,6 +22,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.data.splitting import part_sizes
 from tacevo.errors import ConfigError
+from tacevo.parts.facts import SOURCES
 from tacevo.records import DataFacts, Kind, to_json
 
 #: Arms are composed with every experiment, below.
@@ -200,8 +201,8 @@ def test_override_changes_what_it_names(override: str, settings: dict[str, Any])
 
 def test_each_source_has_its_own_split() -> None:
     """The release is split as its authors do, everything else at random, unless the user says otherwise."""
-    splits = {source: composed(f"data={source}", *NEEDED.get(("data", source), [])).data.split for source in DataSource}
-    assert splits == {source: "release" if source == "tacverse" else "random" for source in DataSource}
+    splits = {source: composed(f"data={source}", *NEEDED.get(("data", source), [])).data.split for source in SOURCES}
+    assert splits == {source: "release" if source == "tacverse" else "random" for source in SOURCES}
     large = compose(["data=tacverse", "data.root=images", "data.split=random", "data.image_size=1024"]).data
     assert (large.split, large.image_size) == (SplitRule.random, 1024)
 

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from refusals import refused
 
-from tacevo.choices import DataSource
 from tacevo.config.checks import check_together
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose
@@ -15,6 +14,7 @@ from tacevo.config.identity import identity, llm_identity
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
+from tacevo.parts.facts import SOURCES
 from tacevo.records import to_json
 from tacevo.storage.canonical import canonical, leaves
 
@@ -205,8 +205,8 @@ def test_settings_that_do_not_go_together_are_refused(overrides: list[str], plac
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("source", [source for source in DataSource if source is not DataSource.simulated])
-def test_run_of_a_release_can_be_studied_on_other_files(source: DataSource) -> None:
+@pytest.mark.parametrize("source", [source for source in SOURCES if source != "simulated"])
+def test_run_of_a_release_can_be_studied_on_other_files(source: str) -> None:
     """A release has all its gratings without a list of them, which no other source has a use for."""
     released = compose(["task=force", "data=tacverse", "data.root=release"])
     check_together(replace(released, data=replace(released.data, source=source, target_columns=("x", "y", "z"))))

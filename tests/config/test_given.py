@@ -8,7 +8,7 @@ from fakes import TASK
 from refusals import refused
 from smallest import SMALLEST
 
-from tacevo.choices import ArchiveKind, DataSource, Device, Numerics, Precision, SplitRule
+from tacevo.choices import ArchiveKind, Device, Numerics, Precision, SplitRule
 from tacevo.config.compose import compose, compose_elsewhere
 from tacevo.config.conf_folder import conf_root
 from tacevo.config.given import compose_given, gives_networks
@@ -219,7 +219,7 @@ def test_recordings_keep_the_size_of_the_runs_images() -> None:
     run = compose([*SMALLEST, "data.normalisation=unit", "data.test_part=0.7"])
     assert compose_elsewhere(run, ["data=csv", "data.root=mine", "data.target_columns=[a,b,c]"]).data.test_part == 0.1
     other = compose_elsewhere(run, ["data=tacverse", "data.root=somewhere"]).data
-    assert (other.source, other.split, other.root) == (DataSource.tacverse, SplitRule.release, "somewhere")
+    assert (other.source, other.split, other.root) == ("tacverse", SplitRule.release, "somewhere")
     assert (other.image_size, other.normalisation) == (run.data.image_size, run.data.normalisation)
 
 

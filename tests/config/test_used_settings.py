@@ -6,12 +6,13 @@ from dataclasses import fields
 import pytest
 from refusals import refused
 
-from tacevo.choices import DataSource
 from tacevo.config import arms
 from tacevo.config.compose import compose, compose_elsewhere
 from tacevo.config.schema import DataConfig
-from tacevo.config.sources import USED, are_grouped, check_used
+from tacevo.config.sources import are_grouped, check_used
 from tacevo.errors import ConfigError
+from tacevo.parts import kinds
+from tacevo.parts.facts import SOURCES
 from tacevo.records import Json, to_json
 
 #: What each source cannot do without.
@@ -81,8 +82,8 @@ def test_every_setting_and_source_is_in_the_table() -> None:
     """None was forgotten, and none is used by no source."""
     names = {field.name for field in fields(DataConfig)}
     assert OTHER.keys() == names - {"source", "split"}
-    assert USED.keys() == set(DataSource)
-    assert frozenset[str]().union(*USED.values()) == names
+    assert SOURCES.keys() == kinds.SOURCES.ours.keys()
+    assert frozenset[str]().union(*(facts.uses for facts in SOURCES.values())) == names
 
 
 def command(source: str, *names: str) -> list[str]:
@@ -93,13 +94,13 @@ def command(source: str, *names: str) -> list[str]:
 
 
 @pytest.mark.few(2)
-@pytest.mark.parametrize("source", DataSource)
-def test_what_a_source_uses_can_be_set(source: DataSource) -> None:
+@pytest.mark.parametrize("source", SOURCES)
+def test_what_a_source_uses_can_be_set(source: str) -> None:
     """All of it at once, but for what excludes another."""
-    names = [name for name in OTHER if name in USED[source]]
+    names = [name for name in OTHER if name in SOURCES[source].uses]
     gratings, of_release = {"pattern", "spacings_mm", "classes"}, {"test_sensor", "shots"}
     of_random = {"split_seed", "validation_part", "test_part"}
-    if "sensor_column" in USED[source]:
+    if "sensor_column" in SOURCES[source].uses:
         of_release, of_random = {"split_column"}, of_random | NAMED
     for others in (
         gratings | of_release | {"group_pattern"},
@@ -112,12 +113,12 @@ def test_what_a_source_uses_can_be_set(source: DataSource) -> None:
 
 
 @pytest.mark.few(2)
-@pytest.mark.parametrize("source", DataSource)
-def test_what_a_source_does_not_use_is_refused(source: DataSource) -> None:
+@pytest.mark.parametrize("source", SOURCES)
+def test_what_a_source_does_not_use_is_refused(source: str) -> None:
     """Every setting of every source; the message names the setting and its value."""
     config = compose(command(source))
     usual = to_json(config.data)
-    names = OTHER.keys() - USED[source]
+    names = OTHER.keys() - SOURCES[source].uses
     assert names
     for name in names:
         got = json.dumps(OTHER[name], separators=(",", ":"))

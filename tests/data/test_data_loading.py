@@ -15,8 +15,8 @@ from small_recordings import loaded, save_arrays, save_folder, save_forces, save
 from tacevo.choices import Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import STATISTICS, fingerprint
 from tacevo.data.loading import split_rows
-from tacevo.data.source import Catalogue, Source
 from tacevo.errors import ConfigError, DataError, TacevoError
+from tacevo.parts.source import Catalogue, Source
 from tacevo.records import Json, Kind
 
 

@@ -10,8 +10,8 @@ from PIL import Image
 from small_recordings import loaded, save_arrays, save_deep_colour
 
 from tacevo.data.exposure import doubtful_images
-from tacevo.data.source import Source
 from tacevo.data.sources.table import TableSource
+from tacevo.parts.source import Source
 
 
 def noise(most: int, kind: type = np.uint16) -> list[np.typing.NDArray[Any]]:

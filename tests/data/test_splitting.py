@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
 
-from tacevo.data.splitting import TENTHS, Split, check_balance, ordered_split, random_split
+from tacevo.data.splitting import TENTHS, check_balance, ordered_split, random_split
 from tacevo.errors import DataError
+from tacevo.parts.source import Split
 
 
 def sizes(parts: Split) -> tuple[int, int, int]:

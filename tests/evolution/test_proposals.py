@@ -22,7 +22,7 @@ from tacevo.evolution.prompts import PromptArchive, crossover_text, mutation_tex
 from tacevo.evolution.proposals import Candidate, Proposal, Settings, plan_generation, plan_initial
 from tacevo.parts import Population, Prompts, Trial
 from tacevo.parts.kinds import PROMPTS
-from tacevo.parts.registry import made
+from tacevo.parts.registry import of_settings
 from tacevo.records import Contract, Instruction, Kind, Loss, Operator, Request, Task
 
 GENERATIONS = 2000
@@ -220,7 +220,7 @@ def test_arms_share_their_random_numbers(seed: int, generation: int, p_m: float)
     assert shared(arm(prompts=instructions.Curious())) == shared(arm(pool=1)) == shared(expected)
 
 
-@pytest.mark.parametrize("policy", [made(PROMPTS, name, None) for name in PROMPTS.ours])
+@pytest.mark.parametrize("policy", [of_settings(PROMPTS, name, None) for name in PROMPTS.ours])
 def test_generation_draws_its_instructions_from_one_pool(policy: Prompts) -> None:
     """All slots of a generation, whatever their number and the policy, draw from `pool` different instructions."""
     many = replace(ALWAYS, candidates=60, prompts=policy, pool=2)

@@ -22,7 +22,7 @@ from tacevo.evolution.state import Budget, Plan
 from tacevo.evolution.temperatures import Paper, Stall
 from tacevo.parts import Temperature
 from tacevo.parts.kinds import PARENTS
-from tacevo.parts.registry import made
+from tacevo.parts.registry import of_settings
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.storage.ledger import Ledger, read_lines
 
@@ -47,7 +47,10 @@ BUDGET = Budget(flops=1e6, images=10, epochs=2)
 
 #: Searches with parents of every kind, and with all that a generation may do beside the paper's.
 PLANS = {
-    **{name: fakes.plan(generations=2, parents=made(PARENTS, name, SimpleNamespace(best=2))) for name in PARENTS.ours},
+    **{
+        name: fakes.plan(generations=2, parents=of_settings(PARENTS, name, SimpleNamespace(best=2)))
+        for name in PARENTS.ours
+    },
     "budget": replace(fakes.plan(generations=9), budget=BUDGET),
     "repairs": replace(fakes.plan(), repairs=2),
     "seeds": replace(fakes.plan(), seeds=3),

@@ -20,7 +20,6 @@ from rich.console import Console
 
 import tacevo
 from tacevo.data.dataset import Dataset
-from tacevo.data.source import Catalogue
 from tacevo.data.sources.image_files import decode
 from tacevo.errors import RunError
 from tacevo.export import directory
@@ -28,6 +27,7 @@ from tacevo.export.card import agreement, card
 from tacevo.export.contents import Exported, config_of, run_of
 from tacevo.export.conversion import Built, Converted
 from tacevo.export.trainings import ExportSettings, Like, Trained, design
+from tacevo.parts.source import Catalogue
 from tacevo.records import Kind, Reason, Training
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress

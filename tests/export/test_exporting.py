@@ -29,11 +29,11 @@ from smallest import Once
 import tacevo
 from tacevo.cli.app import main
 from tacevo.data.simulator.tasks import Simulated
-from tacevo.data.source import Catalogue
 from tacevo.errors import BundleError, ConfigError, DivergenceError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export import directory
 from tacevo.export.trainings import ExportSettings, Like, design, train
+from tacevo.parts.source import Catalogue
 from tacevo.records import Mode, to_json
 from tacevo.results.study_directory import StudyDirectory, plain_study, studies_of
 from tacevo.results.study_lines import Row, ScoreLine

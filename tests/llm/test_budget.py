@@ -14,7 +14,8 @@ from tacevo.errors import BudgetError, TransportError
 from tacevo.evolution.development import LLM
 from tacevo.llm.budget import Account, BudgetedLLM
 from tacevo.llm.prices import worst_case
-from tacevo.llm.recording import Keep, RecordingLLM
+from tacevo.llm.recording import RecordingLLM
+from tacevo.parts.provider import Keep
 from tacevo.records import Completion, Mode, Price, Request
 from tacevo.storage.store import Store
 

@@ -8,7 +8,8 @@ from hosted import request
 from refusals import refused
 
 from tacevo.errors import CacheMissError, LLMError, StoreError, TransportError
-from tacevo.llm.recording import Keep, RecordingLLM
+from tacevo.llm.recording import RecordingLLM
+from tacevo.parts.provider import Keep
 from tacevo.records import Completion, Mode, Price, Request, to_json
 from tacevo.storage.store import Store
 

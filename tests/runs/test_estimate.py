@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import pytest
 from refusals import refused
 
-from tacevo.choices import Device, ExecutorKind
+from tacevo.choices import Device
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.schema import RunConfig
@@ -23,7 +22,8 @@ from tacevo.evolution.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
 from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.estimate import describe_cost, describe_estimates, describe_time, estimate
-from tacevo.runs.pace import GROWTH, Pace, growth, measure, part_saved, training_images, trainings, trainings_at_once
+from tacevo.runs.local import trainings_at_once
+from tacevo.runs.pace import GROWTH, Pace, growth, measure, part_saved, training_images, trainings
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.storage.store import Store
@@ -246,7 +246,7 @@ def test_hours_follow_from_the_pace(overrides: Estimating) -> None:
 def test_cluster_is_so_many_machines_and_a_machine_is_one(overrides: Estimating) -> None:
     """Two measured at once: 64 workers of a cluster are 32 times as fast, and on two cores no faster than two."""
     config = compose(overrides("executor.workers=64"))
-    elsewhere = replace(config, executor=replace(config.executor, kind=cast(ExecutorKind, "ray")))
+    elsewhere = replace(config, executor=replace(config.executor, kind="ray"))
     here = paced(config).seconds(config, 480)
     assert here == paced(config).seconds(compose(overrides("executor.workers=2")), 480)
     assert paced(config).seconds(elsewhere, 480) == pytest.approx(here / 32)

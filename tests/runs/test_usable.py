@@ -18,7 +18,8 @@ from tacevo.evolution.lines import GenerationLine
 from tacevo.evolution.proposals import Proposal
 from tacevo.evolution.run_files import read_ledger
 from tacevo.llm.grammar.provider import answer
-from tacevo.llm.recording import Keep, RecordingLLM
+from tacevo.llm.recording import RecordingLLM
+from tacevo.parts.provider import Keep
 from tacevo.records import Completion, Operator, Reason, Rejection, Request, Stage
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress

@@ -25,7 +25,6 @@ from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 from sweeps import files_of
 
-from tacevo.choices import ExecutorKind
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.schema import ExecutorConfig, RunConfig
@@ -158,7 +157,7 @@ def test_jobs_that_share_a_ray_cluster_are_not_bounded_by_the_cores_here(
     address: str | None, n_jobs: int, cpus: int
 ) -> None:
     """Only their searches run here; a Ray that each starts for itself runs here as well."""
-    executor = ExecutorConfig(kind=ExecutorKind.ray, workers=64, address=address)
+    executor = ExecutorConfig(kind="ray", workers=64, address=address)
     needed = needed_cores(replace(compose(SMALLEST), executor=executor))
     assert fitted(Launcher(options={}), jobs=10, needed=needed, cores=4).options == {"n_jobs": n_jobs}
     slurm = Launcher(cluster=SLURM, options={})

@@ -34,7 +34,6 @@ from refusals import refused
 from rich.console import Console
 from waiting import eventually
 
-from tacevo.choices import Tracking
 from tacevo.config.compose import compose
 from tacevo.config.schema import TrackingConfig
 from tacevo.costs import Spending
@@ -359,7 +358,7 @@ def test_runs_of_a_sweep_are_mirrored_together_and_waited_for_once(tmp_path: Pat
     """One process writes all of them, one after the other; one that is damaged keeps no other out, and is told."""
     told = io.StringIO()
     view = Progress(Console(file=told, width=300))
-    tracking = TrackingConfig(kind=Tracking.mlflow, uri=uri, experiment="tacevo")
+    tracking = TrackingConfig(kind="mlflow", uri=uri, experiment="tacevo")
     config = replace(compose(["experiment=demo", "llm=grammar"]), tracking=tracking)
     with mirrored_together(view) as later:
         for name in ("one", "two", "three"):

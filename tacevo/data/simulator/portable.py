@@ -67,13 +67,6 @@ def normal(rng: np.random.Generator, deviation: float, shape: tuple[int, ...]) -
     return np.asarray(deviation * (total / 2**32 - 6))
 
 
-def normal_density(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the density of what `normal` draws with a deviation of 1 (Irwin and Hall's, of twelve)."""
-    inwards = 6 - np.abs(values)
-    parts = [(-1) ** step * math.comb(12, step) * np.maximum(inwards - step, 0.0) ** 11 for step in range(7)]
-    return np.asarray(np.sum(parts, axis=0) / math.factorial(11))
-
-
 def normal_number(rng: np.random.Generator, mean: float, deviation: float) -> float:
     """Draw one nearly normal number."""
     return mean + float(normal(rng, deviation, ()))

@@ -18,7 +18,7 @@ from tacevo.choices import LightScene, SimulatedSensor
 from tacevo.data.simulator.contact import imprint_at_depth, normal_field, shear_field, spread_radius
 from tacevo.data.simulator.optics import BLUR, REFERENCE_SIZE, project, seen_points, transfer
 from tacevo.data.simulator.portable import Field, cosine, exp_minus, grain, normal, normal_number, sine, step
-from tacevo.data.source import Picture
+from tacevo.parts.source import Picture
 from tacevo.randomness import stream
 
 #: Radius of the dome's rim, where the skin is held, and of what is in sight of it.

@@ -6,7 +6,6 @@ their bytes are the same on every CPU. What it does not promise: that a network 
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.choices import LightScene, SensorTask, SimulatedSensor
+from tacevo.data.ideal import WIDTH_ERROR
 from tacevo.data.simulator.contact import (
     combined_radius,
     conforming_pressure,
@@ -28,14 +28,16 @@ from tacevo.data.simulator.contact import (
     tangential_force,
 )
 from tacevo.data.simulator.optics import DOME_RADIUS
-from tacevo.data.simulator.portable import cosine, exp_minus, normal, normal_density, normal_number, sine
+from tacevo.data.simulator.portable import cosine, exp_minus, normal, normal_number, sine
 from tacevo.data.simulator.sensor import SKIN_POISSON, Grating, Press, make_sensor, picture
-from tacevo.data.source import Catalogue, Picture
-from tacevo.data.sources.tacverse import OUTPUTS
+from tacevo.parts.making import Given, task_among
+from tacevo.parts.source import Catalogue, Picture
 from tacevo.randomness import stream
 from tacevo.records import Json, Kind
-from tacevo.rounding import rounded
 from tacevo.storage.canonical import canonical
+
+#: Names of the outputs.
+OUTPUTS = {SensorTask.force: ("Fx", "Fy", "Fz"), SensorTask.hardness: ("shore",)}
 
 #: Changes whenever an image or a label would change; part of the cache key.
 SIMULATOR_VERSION = 4
@@ -51,9 +53,8 @@ STROKE = 3.0
 #: What the force sensor adds to a force: noise in N, and hysteresis as a share of the force.
 FORCE_NOISE, HYSTERESIS = 0.02, 0.04
 
-#: Of gratings, as standard deviations: yaw in radians, and the share by which printing and the stretched skin alter the
-#: width of a ridge: the error that no network can undo.
-GRATING_YAW, WIDTH_ERROR = 0.15, 0.03
+#: Of gratings: the standard deviation of the yaw, in radians.
+GRATING_YAW = 0.15
 
 #: Of gratings: side of the plate, which is wider than any contact, depth of a groove, and width at which its bottom has
 #: faded to 1/e, in mm; grey values of the light that a plate keeps out.
@@ -72,6 +73,26 @@ DOME_STIFFNESS = 0.5
 
 #: Units of the labels; gratings are classes.
 UNITS = {SensorTask.force: ("N", "N", "N"), SensorTask.hardness: ("Shore A",)}
+
+
+def from_settings(given: Given) -> "Simulated":
+    """Make the simulated sensor of the settings of `data`.
+
+    Raises:
+        ConfigError: it does not know the task.
+    """
+    data = given.settings
+    return Simulated(
+        task=task_among(SensorTask, given),
+        images=data["images"] or 0,  # which `check_together` excludes
+        image_size=data["image_size"],
+        seed=data["seed"],
+        spacings_mm=tuple(data["spacings_mm"]),
+        sensor_seed=data["sensor_seed"],
+        light=data["light"],
+        sensor=SimulatedSensor(data["sensor"]),  # which `check_together` has looked at
+        gel_mm=data["gel_mm"],
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -247,19 +268,6 @@ def _grating(rng: np.random.Generator, spacing: float) -> Press:
         fading=0.5,
         grating=grating,
     )
-
-
-def ideal_accuracy(spacings_mm: Sequence[float]) -> float:
-    """Return the accuracy that no network can expect to exceed on gratings of these spacings, in (0, 1].
-
-    The class enters a picture by the width of the ridges alone, and that errs. So it is that of an observer who sees
-    every width, and names the likeliest of classes that are equally frequent: the integral of their largest density.
-    """
-    means = np.array(sorted(spacings_mm))[:, None]
-    logs = np.arange(math.log(0.6 * means[0, 0]), math.log(1.4 * means[-1, 0]), WIDTH_ERROR / 200)
-    widths = np.exp(logs)
-    densities = normal_density((widths / means - 1) / WIDTH_ERROR) / (WIDTH_ERROR * means)
-    return rounded(float(np.trapezoid(densities.max(axis=0) * widths, logs)) / len(means))
 
 
 def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:

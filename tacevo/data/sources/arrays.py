@@ -23,10 +23,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.data.sensors import NONE_NAMED, Named, Sensors, taken
-from tacevo.data.source import Catalogue, Picture, check_no_faults, chosen
+from tacevo.data.source import check_no_faults, chosen
 from tacevo.data.sources.filenames import check_file, is_passed_over
 from tacevo.data.sources.image_files import DECODING, extent, files_hash, square, to_8_bits
 from tacevo.errors import DataError
+from tacevo.parts.making import Given
+from tacevo.parts.source import Catalogue, Picture
 from tacevo.records import Json, Kind
 from tacevo.text import first_line
 
@@ -35,6 +37,17 @@ _ARCHIVE = "a NumPy archive (.npz)"
 _REMEDY = "save images and labels together with numpy.savez, as numbers and texts"
 
 REQUIRED, OPTIONAL = frozenset({"images", "labels"}), frozenset({"names", "groups"})
+
+
+def from_settings(given: Given) -> "Arrays":
+    """Make the source of a NumPy archive from the settings of `data`."""
+    data = given.settings
+    return Arrays(
+        root=Path(data["root"] or ""),
+        image_size=data["image_size"],
+        white_point=data["white_point"],
+        sensors=Sensors.from_settings(given),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.data.sensors import NONE_NAMED, PART_NAMES, Named, Sensors, taken
-from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
+from tacevo.data.source import check_no_faults, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, content, directories, folded
 from tacevo.data.sources.image_files import (
     FileSource,
@@ -27,7 +27,21 @@ from tacevo.data.sources.image_files import (
 )
 from tacevo.data.sources.table import number_in
 from tacevo.errors import DataError
+from tacevo.parts.making import Given
+from tacevo.parts.source import Catalogue
 from tacevo.records import Json, Kind
+
+
+def from_settings(given: Given) -> "Folder":
+    """Make the source of a directory of classes from the settings of `data`."""
+    data = given.settings
+    return Folder(
+        root=Path(data["root"] or ""),
+        image_size=data["image_size"],
+        white_point=data["white_point"],
+        group_pattern=data["group_pattern"],
+        sensors=Sensors.from_settings(given),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

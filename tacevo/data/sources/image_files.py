@@ -16,9 +16,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from tacevo.data.source import Catalogue, Picture, check_no_faults, check_readable, chosen, shortened
+from tacevo.data.source import check_no_faults, check_readable, chosen, shortened
 from tacevo.data.sources.filenames import SUFFIXES, is_passed_over
 from tacevo.errors import DataError
+from tacevo.parts.source import Catalogue, Picture
 from tacevo.records import Json
 
 #: Changes when the same file would be decoded to other pixels.

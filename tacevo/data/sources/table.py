@@ -11,11 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tacevo.data.sensors import NONE_NAMED, Named, Sensors, taken
-from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats, shortened
+from tacevo.data.source import check_no_faults, chosen, listed, repeats, shortened
 from tacevo.data.sources.csv_lines import Lines, in_words
 from tacevo.data.sources.filenames import check_directory, check_file, folded, own_names
 from tacevo.data.sources.image_files import FileSource, files_hash, groups_in, image_files, numbered
 from tacevo.errors import DataError
+from tacevo.parts.making import Given
+from tacevo.parts.source import Catalogue
 from tacevo.records import Json, Kind
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", flags=re.ASCII)
@@ -60,6 +62,23 @@ class ReadTable(NamedTuple):
     skipped: int
     #: The lines that have separators and no value, as spreadsheets write them at the end.
     blank: list[int]
+
+
+def from_settings(given: Given) -> "TableSource":
+    """Make the source of a directory with a CSV table from the settings of `data`."""
+    data = given.settings
+    return TableSource(
+        root=Path(data["root"] or ""),
+        table=data["table"],
+        image_column=data["image_column"],
+        target_columns=tuple(data["target_columns"]),
+        image_size=data["image_size"],
+        skip_missing=data["skip_missing"],
+        white_point=data["white_point"],
+        group_column=data["group_column"],
+        group_pattern=data["group_pattern"],
+        sensors=Sensors.from_settings(given),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,12 +24,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.choices import GratingClasses, RecordedTask
-from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
+from tacevo.data.source import check_no_faults, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content, directories
 from tacevo.data.sources.image_files import FileSource, check_links, image_files, other_files
 from tacevo.data.sources.table import Row, read_rows, unnamed_images
-from tacevo.data.splitting import PARTS, Split, ordered_split
+from tacevo.data.splitting import PARTS, ordered_split
 from tacevo.errors import DataError
+from tacevo.parts.making import Given, task_among
+from tacevo.parts.source import Catalogue, Split
 from tacevo.randomness import stream
 from tacevo.records import Json, Kind
 from tacevo.storage.canonical import canonical
@@ -80,6 +82,31 @@ class _Listing(NamedTuple):
     #: How many rows of tables were left out, and the lines of tables that hold no value.
     skipped: int = 0
     blank: tuple[int, ...] = ()
+
+
+def from_settings(given: Given) -> "TacVerse":
+    """Make the source of the release from the settings of `data`.
+
+    Raises:
+        ConfigError: it does not have the task.
+    """
+    data = given.settings
+    return TacVerse(
+        root=Path(data["root"] or ""),
+        task=task_among(RecordedTask, given),
+        sensor=data["sensor"],
+        pattern=data["pattern"],
+        image_size=data["image_size"],
+        skip_missing=data["skip_missing"],
+        white_point=data["white_point"],
+        group_pattern=data["group_pattern"],
+        spacings_mm=tuple(data["spacings_mm"]) if data["select"] else (),
+        images=data["images"] if data["select"] else None,
+        classes=data["classes"],
+        test_sensor=data["test_sensor"],
+        shots=data["shots"],
+        seed=data["split_seed"],
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tacevo.errors import ConfigError
 from tacevo.evolution.prompts import sample_text
 from tacevo.llm.grammar.crossover import cross
 from tacevo.llm.grammar.instructions import transform
@@ -21,7 +22,9 @@ from tacevo.llm.grammar.slips import Slip, draw, proper, spoil
 from tacevo.llm.grammar.space import crossed, mutated, wandered
 from tacevo.llm.grammar.variations import wander, warm
 from tacevo.llm.prices import CHARACTERS_PER_TOKEN, likely_tokens
-from tacevo.llm.recording import Keep, unkept
+from tacevo.llm.recording import unkept
+from tacevo.parts.making import Given
+from tacevo.parts.provider import Keep
 from tacevo.randomness import stream
 from tacevo.records import Completion, Request, to_json
 from tacevo.space import Space
@@ -35,6 +38,23 @@ _PARENT = re.compile(r"```python\n(.*?)\n?```", re.DOTALL)
 _INSTRUCTION = re.compile(r"^Instruction: (.*)\Z", re.DOTALL | re.MULTILINE)
 
 
+def from_settings(given: Given) -> "GrammarLLM":
+    """Make the grammar of the settings of `llm`.
+
+    Raises:
+        ConfigError: another model than this version's grammar is asked for.
+    """
+    llm = given.settings
+    if llm["model"] != MODEL:
+        raise ConfigError(
+            repr(llm["model"]),
+            place="llm.model",
+            expected=f"{MODEL} for llm=grammar",
+            remedy="an earlier grammar's run replays from its record; a new search asks this one",
+        )
+    return GrammarLLM(slip_rate=llm["slip_rate"], space=llm["space"])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrammarLLM:
     """Answers requests for mutations, crossovers and samples with source text from the grammar."""
@@ -45,7 +65,7 @@ class GrammarLLM:
     space: Space | None = None
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
-        """Answer the requests in their order (see `tacevo.llm.recording.KeepingLLM`)."""
+        """Answer the requests in their order (see `tacevo.parts.provider.Provider`)."""
         for position, request in enumerate(requests):
             yield position, keep(request, answer(request, slip_rate=self.slip_rate, space=self.space))
 

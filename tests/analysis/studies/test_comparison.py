@@ -18,7 +18,7 @@ from analysis.tables.comparison import scores_table, verdicts_table
 from tacevo.choices import MarginKind
 from tacevo.config.compose import compose
 from tacevo.config.study import Margin
-from tacevo.data.simulator.tasks import ideal_accuracy
+from tacevo.data.ideal import ideal_accuracy
 from tacevo.errors import RunError
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy

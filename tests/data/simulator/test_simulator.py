@@ -17,6 +17,7 @@ from test_data_portable import PLAINEST, require_plainest
 from torch import nn
 
 from tacevo.choices import LightScene, SensorTask, SimulatedSensor
+from tacevo.data.ideal import WIDTH_ERROR, ideal_accuracy
 from tacevo.data.simulator.portable import normal
 from tacevo.data.simulator.sensor import Press, _marker_pixels, make_sensor
 from tacevo.data.simulator.tasks import (
@@ -24,10 +25,8 @@ from tacevo.data.simulator.tasks import (
     FORCE_NOISE,
     HYSTERESIS,
     SHORE_LEVELS,
-    WIDTH_ERROR,
     _press,
     draw,
-    ideal_accuracy,
 )
 from tacevo.randomness import stream
 from tacevo.records import Kind

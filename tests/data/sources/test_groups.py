@@ -14,10 +14,10 @@ from small_recordings import loaded, save_arrays, save_folder, save_gratings, sa
 from tacevo.choices import SplitRule
 from tacevo.data import dataset as datasets
 from tacevo.data.loading import split_rows
-from tacevo.data.source import Catalogue
 from tacevo.data.sources.image_files import groups_in
 from tacevo.data.sources.table import TableSource
 from tacevo.errors import DataError
+from tacevo.parts.source import Catalogue
 
 #: So many frames of each press.
 UNEVEN = {"p1": 21, "p2": 3, "p3": 3, "p4": 1, "p5": 1, "p6": 1}

@@ -14,11 +14,11 @@ from small_recordings import loaded, save_image
 from tacevo.choices import SplitRule
 from tacevo.data.loading import split_rows
 from tacevo.data.sensors import Named, Sensors, taken
-from tacevo.data.source import Catalogue
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
 from tacevo.data.sources.table import TableSource
 from tacevo.errors import DataError
+from tacevo.parts.source import Catalogue
 
 SENSORS, KINDS, EACH = ("A", "B", "C"), ("coarse", "fine"), 10
 

@@ -20,9 +20,9 @@ from small_recordings import save_arrays, save_folder, save_forces, save_grating
 
 from tacevo.choices import SplitRule
 from tacevo.data.loading import split_rows
-from tacevo.data.source import Catalogue, Source
 from tacevo.data.sources.image_files import to_8_bits
 from tacevo.errors import DataError
+from tacevo.parts.source import Catalogue, Source
 
 forty = settings(max_examples=40, deadline=None)
 

@@ -12,10 +12,9 @@ from small_recordings import loaded, save_forces, save_gratings, save_image
 
 from tacevo.choices import GratingClasses, RecordedTask, SplitRule
 from tacevo.data.loading import split_rows
-from tacevo.data.source import Catalogue
 from tacevo.data.sources.tacverse import TacVerse
-from tacevo.data.splitting import Split
 from tacevo.errors import DataError
+from tacevo.parts.source import Catalogue, Split
 from tacevo.records import Kind
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.data.source import Catalogue, Picture
 from tacevo.data.splitting import ordered_split
 from tacevo.errors import DataError
+from tacevo.parts.source import Catalogue, Picture
 from tacevo.records import Json, Kind
 
 

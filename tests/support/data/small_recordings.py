@@ -12,11 +12,11 @@ from tacevo.choices import LightScene, Normalisation, RecordedTask, SensorTask, 
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
 from tacevo.data.simulator.tasks import Simulated
-from tacevo.data.source import Source
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
 from tacevo.data.sources.table import TableSource
 from tacevo.data.sources.tacverse import TacVerse
+from tacevo.parts.source import Source
 
 #: How data are loaded where a test says nothing else.
 PROTOCOL: dict[str, Any] = {

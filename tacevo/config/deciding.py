@@ -35,7 +35,7 @@ def constant(config: RunConfig, kind: Kind, name: str) -> bool:
     return value
 
 
-def check_parts(config: RunConfig) -> None:
+def check_code(config: RunConfig) -> None:
     """Compare the parts that a configuration chooses with what it records of their code.
 
     Raises:

@@ -1,0 +1,68 @@
+"""The executor of this machine: candidates run in processes of its own."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacevo.choices import Device
+from tacevo.config.schema import RunConfig
+from tacevo.environment import usable_cores
+from tacevo.parts.executor import Notice, Order
+from tacevo.sandbox.client import RunJob, Sandbox, Zygote
+from tacevo.sandbox.confinement import check_confinement, in_force
+from tacevo.training.leases import Leases, visible_gpus
+from tacevo.training.numerics import check_machine
+
+
+@dataclass(frozen=True, slots=True)
+class Local:
+    """Runs candidates in sandboxes of this machine (see `tacevo.parts.executor.Executor`)."""
+
+    def check(self, order: Order) -> None:
+        """Check that candidates can be confined so here, and that this machine computes as ordered.
+
+        Raises:
+            SandboxError: they cannot be confined.
+            ConfigError: it cannot compute so.
+        """
+        check_confinement(order.require)
+        check_machine(order.numerics, order.device, order.gpu)
+
+    def ahead(self, order: Order) -> AbstractContextManager[Zygote]:
+        """Start the process that imports torch: that takes seconds."""
+        return Zygote(order.entries, order.environment, equip=order.equip)
+
+    @contextlib.contextmanager
+    def open(
+        self,
+        order: Order,
+        images: Path | None,
+        *,
+        started: Zygote | None = None,
+        notice: Notice | None = None,
+        say: Callable[[str], None] | None = None,
+    ) -> Iterator[RunJob]:
+        """Open the sandbox, and on GPUs what shares them out; nothing is said."""
+        sandbox = Sandbox(
+            entries=order.entries,
+            environment=order.environment,
+            arrays={} if images is None else {"images": images},
+            strongest=order.strongest,
+            notice=None if notice is None else lambda measures: notice(in_force(measures)),
+            zygote=started,
+            equip=order.equip,
+        )
+        with sandbox:
+            if order.device is Device.cpu:
+                yield sandbox.run
+                return
+            yield Leases(sandbox.run, visible_gpus(), order.per_gpu).run
+
+
+def trainings_at_once(config: RunConfig) -> int:
+    """Return how many trainings run here together: one for each worker, core and share of a GPU; at least one."""
+    is_on_cpu = config.training.device is Device.cpu
+    places = usable_cores() if is_on_cpu else config.executor.per_gpu * len(visible_gpus())
+    return max(1, min(config.executor.workers, places))

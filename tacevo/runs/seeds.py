@@ -1,0 +1,13 @@
+"""The training seeds of a run."""
+
+from tacevo.randomness import derived_seed
+
+
+def training_seed(seed: int, number: int) -> int:
+    """Return the training seed of a number, from 0, of a run's seed; number 0 has the name that it had by itself."""
+    return derived_seed(seed, "training", *([number] if number else []))
+
+
+def noise_seed(seed: int, number: int) -> int:
+    """Return the training seed of a number, from 0, of the noise runs of a run's seed."""
+    return derived_seed(seed, "noise", number)
