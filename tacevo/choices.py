@@ -91,22 +91,8 @@ class SystemTurn(StrEnum):
 OPTIONAL_SAMPLING = ("stop_sequences", "thinking_tokens", "top_k", "top_p")
 
 
-class ArchiveKind(StrEnum):
-    """What the network archive keeps: the best of every niche (`cvt`), or the best of all (`best`)."""
-
-    cvt = "cvt"
-    best = "best"
-
-
-class Axis(StrEnum):
-    """What an axis of the network archive measures."""
-
-    arch_div = "arch_div"
-    eff_ratio = "eff_ratio"
-
-
-#: The axes of the paper. A recorded run whose configuration names none has these, also if `Axis` grows.
-PAPER_AXES = (Axis.arch_div, Axis.eff_ratio)
+#: The axes of the paper. A recorded run whose configuration names none has these.
+PAPER_AXES = ("arch_div", "eff_ratio")
 
 
 class BoundsRule(StrEnum):

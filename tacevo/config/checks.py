@@ -10,8 +10,6 @@ from urllib.parse import urlsplit
 from tacevo.choices import (
     OPTIONAL_SAMPLING,
     PAPER_AXES,
-    ArchiveKind,
-    Axis,
     BoundsRule,
     Confinement,
     Device,
@@ -24,7 +22,6 @@ from tacevo.choices import (
 )
 from tacevo.config.deciding import check_code, constant
 from tacevo.config.schema import (
-    ArchiveConfig,
     DataConfig,
     LLMConfig,
     RunConfig,
@@ -32,7 +29,7 @@ from tacevo.config.schema import (
     TrainingConfig,
 )
 from tacevo.errors import ConfigError
-from tacevo.parts.kinds import PARENTS
+from tacevo.parts.kinds import ARCHIVES, PARENTS
 from tacevo.records import Kind, Loss, Mode, to_json
 
 
@@ -46,8 +43,8 @@ def check_together(config: RunConfig) -> None:
     _check_data(config.data)
     _check_llm(config.llm)
     _check_sampling(config.llm)
-    _check_archive(config.archive)
     check_code(config)
+    _check_archive(config)
     _check_proposals(config)
     _check_parents(config)
     check_device(config)
@@ -163,19 +160,24 @@ def _check_sampling(llm: LLMConfig) -> None:
     _check_that(fits, "llm.thinking_tokens", f"a number below llm.max_tokens={most}", thinking)
 
 
-def _check_archive(archive: ArchiveConfig) -> None:
-    known = [axes for count in (2, 1) for axes in combinations(Axis, count)]
-    *words, last = (f"[{','.join(axes)}]" for axes in known)
-    _check_that(archive.axes in known, "archive.axes", f"{', '.join(words)} or {last}", archive.axes)
-    whole = archive.kind is not ArchiveKind.best or archive.axes == PAPER_AXES
-    expected = f"[{','.join(PAPER_AXES)}] with archive.kind=best, which has no axes"
+def _check_archive(config: RunConfig) -> None:
+    archive = config.archive
+    ours = tuple(axis for axis in archive.axes if axis in PAPER_AXES)
+    known = [axes for count in (2, 1, 0) for axes in combinations(PAPER_AXES, count)]
+    expected = f"one axis or more, each once: {', '.join(PAPER_AXES)} in this order, and descriptors of your own"
+    _check_that(ours in known and _distinct(archive.axes), "archive.axes", expected, archive.axes)
+    whole = constant(config, ARCHIVES, "has_niches") or archive.axes == PAPER_AXES
+    expected = f"[{','.join(PAPER_AXES)}] with archive.kind={archive.kind}, which has no axes"
     _check_that(whole, "archive.axes", expected, archive.axes)
+    moves = archive.bounds is BoundsRule.adaptive or ours == archive.axes
+    expected = "adaptive with axes of your own, whose bounds no setting has"
+    _check_that(moves, "archive.bounds", expected, archive.bounds)
     for key in ("niches", "prompt_niches"):
         value = getattr(archive, key)
         _check_that(value <= archive.samples, f"archive.{key}", f"at most archive.samples={archive.samples}", value)
     logarithmic = archive.bounds is BoundsRule.fixed and archive.eff_ratio_scale is Scale.log
-    for axis in Axis:
-        key, least = f"{axis}_bounds", 0 if logarithmic and axis is Axis.eff_ratio else -math.inf
+    for axis in PAPER_AXES:
+        key, least = f"{axis}_bounds", 0 if logarithmic and axis == "eff_ratio" else -math.inf
         pair = getattr(archive, key)
         _check_that(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
         _check_that(pair[0] > least, f"archive.{key}", "low > 0 with archive.eff_ratio_scale=log", pair)
@@ -198,6 +200,6 @@ def _check_parents(config: RunConfig) -> None:
     draws = constant(config, PARENTS, "has_parents") or not config.llm.facts.is_model
     why = "which cannot draw a network at random: llm=grammar can"
     _check_that(draws, "proposals.parents", f"another one with llm={provider}, {why}", parents)
-    counts = not constant(config, PARENTS, "counts_elites") or kind is not ArchiveKind.best
+    counts = not constant(config, PARENTS, "counts_elites") or constant(config, ARCHIVES, "has_niches")
     why = "which has no niches to count elites in"
     _check_that(counts, "proposals.parents", f"another one with archive.kind={kind}, {why}", parents)

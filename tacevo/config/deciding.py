@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping
 
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.parts.kinds import PARENTS, PROMPTS, TEMPERATURES, Kind
+from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, PARENTS, PROMPTS, TEMPERATURES, Kind
 from tacevo.parts.registry import load
 from tacevo.records import Json, written
 from tacevo.storage.canonical import content_hash
 
 #: The kinds whose parts decide.
-DECIDING = (PARENTS, PROMPTS, TEMPERATURES)
+DECIDING = (PARENTS, PROMPTS, TEMPERATURES, ARCHIVES, DESCRIPTORS)
 
 
 def chosen(config: RunConfig, kind: Kind) -> tuple[str, ...]:
@@ -62,6 +62,17 @@ def parts_identity(config: RunConfig) -> dict[str, Json]:
         name: {**written(config.code[name]), "settings": dict(config.parts.get(name, {}))}
         for _, name in sorted(brought(config), key=lambda pair: pair[1])
     }
+
+
+def decision(code: str, settings: Mapping[str, Json], method: str, given: Json) -> dict[str, Json]:
+    """Return the question that a decision is stored under: of code by its hash, and of what is given by its."""
+    return {"part": code, "settings": dict(settings), "method": method, "given": content_hash(given)}
+
+
+def centroids_asked(config: RunConfig) -> tuple[str, Json]:
+    """Return the method that says where the niches of a user's archive are, and what it is given."""
+    archive = config.archive
+    return f"{ARCHIVES.name}.centroids", {"niches": archive.niches, "axes": len(archive.axes)}
 
 
 def code_hash(module: str, attribute: str, sources: Mapping[str, str]) -> str:

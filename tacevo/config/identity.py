@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
 
-from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind
+from tacevo.choices import OPTIONAL_SAMPLING
 from tacevo.config.deciding import parts_identity
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
@@ -20,7 +20,7 @@ def identity(config: RunConfig) -> dict[str, Json]:
     stays the run it was.
     """
     archive = {**written(config.archive), "kept": config.archive.kept}
-    if config.archive.kind is ArchiveKind.cvt:  # the only one of early releases, which had neither setting
+    if config.archive.kind == "cvt":  # the only one of early releases, which had neither setting
         del archive["kind"], archive["kept"]
     return {
         "seed": config.seed,

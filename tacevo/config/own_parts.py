@@ -173,6 +173,8 @@ def _described(part: Part) -> OwnPart:
     except PartError as error:
         expected = f"a class that extends tacevo.parts.{part.kind.base}, a dataclass(frozen=True)"
         raise ConfigError(error.got, place=part.place, expected=expected) from error
+    if told["constants"].get("has_niches") is False:
+        raise ConfigError("has_niches = False", place=part.place, expected="an archive with niches")
     settings = {name: Setting(**field) for name, field in told["fields"].items()}
     return OwnPart(recorded=recorded, sha256=sha256, settings=settings, constants=told["constants"])
 

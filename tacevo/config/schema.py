@@ -16,8 +16,6 @@ from pydantic_core import PydanticCustomError
 
 from tacevo.choices import (
     PAPER_AXES,
-    ArchiveKind,
-    Axis,
     BoundsRule,
     Confinement,
     Device,
@@ -200,11 +198,11 @@ class ArchiveConfig(Record):
     arch_div_bounds: tuple[float, ...]
     eff_ratio_bounds: tuple[float, ...]  #: of the other descriptor, with `bounds=fixed`
     eff_ratio_scale: Scale  #: of its axis
-    kind: ArchiveKind = ArchiveKind.cvt  #: niches, or the best networks
+    kind: Part = "cvt"  #: niches, or the best networks
     #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
     kept: OneToMillion = 10
     #: The axes of the networks' niches.
-    axes: tuple[Axis, ...] = PAPER_AXES
+    axes: tuple[Part, ...] = PAPER_AXES
 
 
 #: Stands for a model's name in an estimate of a search whose model is not chosen.

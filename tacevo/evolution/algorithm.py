@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from fractions import Fraction
 
+from tacevo.choices import PAPER_AXES
 from tacevo.errors import ConfigError
 from tacevo.evolution.archive import AddStatus, Elite, Growing, Individual, coverage, qd_score
 from tacevo.evolution.descriptors import describe
@@ -133,12 +134,11 @@ def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchStat
     admitted, result = outcome.admitted, outcome.result
     if admitted is None:
         return state, line
-    descriptor = describe(admitted.profile)
-    line = replace(line, **asdict(descriptor))
+    line = replace(line, **asdict(describe(admitted.profile)))
     if not isinstance(result, Training):
         return state, line
     fitness = plan.fitness.of(result.validation_losses)
-    point = descriptor.point(plan.axes, plan.eff_ratio_scale)
+    point = tuple(axis.describe(admitted.profile) for axis in plan.axes.values())
     newcomer = Individual(elite=Elite(name=line.id, objective=-fitness), point=point)
     networks, niche, status = state.networks.offer(plan.networks, newcomer)
     score = curiosity(fitness, inserted=status is not AddStatus.rejected)
@@ -154,7 +154,8 @@ def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchStat
         features=features(admitted.profile) if plan.skipped else {},
     )
     candidates = _learned(state.candidates, outcome.proposal, child)
-    line = replace(line, niche=niche, status=status, curiosity=score)
+    measures = tuple(value for name, value in zip(plan.axes, point, strict=True) if name not in PAPER_AXES)
+    line = replace(line, measures=measures, niche=niche, status=status, curiosity=score)
     best = min(state.best, fitness)
     state = replace(state, networks=networks, candidates=candidates, best=best)
     return _record_prompt(state, plan, line, score)

@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tacevo import parts
 from tacevo.randomness import derived_seed, stream
 from tacevo.records import Record, to_json
 from tacevo.storage.canonical import content_hash
@@ -157,6 +158,26 @@ def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> 
     points = stream(seed, "centroids", niches, dimensions, samples).random((samples, dimensions))
     means = KMeans(niches, n_init=1, random_state=derived_seed(seed, "k-means") % 2**32).fit(points)
     return [[round(float(value), 9) for value in centroid] for centroid in means.cluster_centers_]
+
+
+@dataclass(frozen=True)
+class Cvt(parts.Archive):
+    """The paper's niches, spread evenly by k-means (`find_centroids`)."""
+
+    #: Uniform points, and their seed.
+    samples: int
+    seed: int
+
+    def centroids(self, niches: int, axes: int) -> list[list[float]]:
+        """Return the centroids."""
+        return find_centroids(niches=niches, dimensions=axes, samples=self.samples, seed=self.seed)
+
+
+@dataclass(frozen=True)
+class Fittest(parts.Archive):
+    """A control without niches: the best networks (`TopK`)."""
+
+    has_niches = False
 
 
 def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStatus]:

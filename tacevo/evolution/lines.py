@@ -109,6 +109,8 @@ class CandidateLine(Record):
     density: float | None = None
     arch_div: float | None = None
     eff_ratio: float | None = None
+    #: What the axes of the archive measured that a user brought, in their order; of a candidate that trained.
+    measures: tuple[float, ...] = ()
     #: Whether a surrogate judged it among the worst, so that it was not trained.
     skipped: bool = False
     #: What the archives did with it; None of a candidate that was rejected or skipped.
@@ -119,7 +121,7 @@ class CandidateLine(Record):
     prompt_status: AddStatus | None = None
     kind: Literal["candidate"] = "candidate"
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"skipped"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"skipped", "measures"})
 
     def by_seed(self) -> tuple[Self, ...]:
         """Return a line for each training that this one records, with what is that training's."""

@@ -1,17 +1,17 @@
 """What a search is, what its next step depends on, and who takes its lines."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tacevo.choices import PAPER_AXES, Axis, FitnessRule, Scale
+from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.lines import SearchLine, training_flops
 from tacevo.evolution.prompts import PromptArchive
 from tacevo.evolution.proposals import Candidate, Settings
-from tacevo.parts import Temperature
+from tacevo.parts import Descriptor, Temperature
 from tacevo.records import Task
 
 
@@ -44,7 +44,8 @@ class Plan:
     prompts: Tessellation
     #: The network archive to begin with: empty, with fixed bounds or none.
     archive: NetworkArchive
-    eff_ratio_scale: Scale
+    #: What its axes measure, by name.
+    axes: Mapping[str, Descriptor]
     temperature: Temperature
     temperature_start: float
     #: How often an answer that the gate rejected is sent back.
@@ -57,8 +58,6 @@ class Plan:
     seeds: int = 1
     #: The part of the networks that a surrogate judges worst, and that are not trained, in [0, 1).
     skipped: float = 0.0
-    #: The axes of the network archive.
-    axes: tuple[Axis, ...] = PAPER_AXES
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
     names_dropped: bool = True
 

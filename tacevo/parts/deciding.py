@@ -177,12 +177,11 @@ class Descriptor:
 
 
 class Archive:
-    """Says which niche of the network archive a network competes for: the niches, and not who wins."""
+    """Says where the niches of the network archive are: each network competes for that of the nearest centroid."""
 
-    def niches(self) -> int:
-        """Return how many niches there are, at least one."""
-        raise NotImplementedError
+    #: Whether there are niches; in one of ours there are none, and the best of all are kept.
+    has_niches: ClassVar[bool] = True
 
-    def niche_of(self, point: Sequence[float]) -> int:
-        """Return the niche, from 0, of a point: one coordinate an axis, in [0, 1]."""
+    def centroids(self, niches: int, axes: int) -> Sequence[Sequence[float]]:
+        """Return the centroid of each niche, `niches` points of so many coordinates in [0, 1]: of a grid, a CVT."""
         raise NotImplementedError

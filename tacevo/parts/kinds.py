@@ -132,10 +132,14 @@ TEMPERATURES = Kind(
 
 ARCHIVES = Kind(
     name="archives",
-    does="keeps networks",
+    does="says where the niches of the network archive are",
     setting="archive.kind",
     decides=True,
-    ours={},
+    ours={
+        "cvt": "tacevo.evolution.archive:Cvt",
+        "best": "tacevo.evolution.archive:Fittest",
+    },
+    constants=("has_niches",),
     base="Archive",
 )
 
@@ -144,7 +148,10 @@ DESCRIPTORS = Kind(
     does="measures a network for an axis of the archive",
     setting="archive.axes",
     decides=True,
-    ours={},
+    ours={
+        "arch_div": "tacevo.evolution.descriptors:ArchDiv",
+        "eff_ratio": "tacevo.evolution.descriptors:EffRatio",
+    },
     base="Descriptor",
 )
 

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self
 
-from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
+from tacevo.choices import PAPER_AXES, Scale
 from tacevo.config.deciding import constant
 from tacevo.config.identity import identity, task_hash
 from tacevo.config.schema import RunConfig, StoreConfig
@@ -40,7 +40,7 @@ from tacevo.evolution.run_files import (
     read_finished,
     rules_of,
 )
-from tacevo.parts.kinds import PROMPTS
+from tacevo.parts.kinds import ARCHIVES, PROMPTS
 from tacevo.records import DataFacts, to_json
 from tacevo.results.settings import read_settings
 from tacevo.results.whereabouts import found_data
@@ -229,7 +229,7 @@ class RecordedRun:
     @property
     def has_niches(self) -> bool:
         """Whether its network archive keeps the best of every niche, and not the best of all."""
-        return self.config.archive.kind is not ArchiveKind.best
+        return constant(self.config, ARCHIVES, "has_niches")
 
     @property
     def places(self) -> int:
@@ -326,16 +326,20 @@ def without_archives(
     return run
 
 
-def descriptors_of(candidate: CandidateLine, scale: Scale, axes: Sequence[Axis] = PAPER_AXES) -> tuple[float, ...]:
+def descriptors_of(candidate: CandidateLine, scale: Scale, axes: Sequence[str] = PAPER_AXES) -> tuple[float, ...]:
     """Return the descriptors of a trained candidate, EffRatio on a scale, shape (axes,).
 
     Raises:
         ValueError: the gate rejected the candidate, so nothing was measured.
     """
-    values = [getattr(candidate, axis) for axis in axes]
+    brought = iter(candidate.measures)
+    values: list[float | None] = [
+        getattr(candidate, axis) if axis in PAPER_AXES else next(brought, None) for axis in axes
+    ]
     if None in values:
         raise ValueError(f"{candidate.id} was not measured")
-    return tuple(on_axis(axis, value, scale) for axis, value in zip(axes, values, strict=True))
+    measured = (value for value in values if value is not None)
+    return tuple(on_axis(axis, value, scale) for axis, value in zip(axes, measured, strict=True))
 
 
 def _check_description(run: RecordedRun) -> None:

@@ -6,7 +6,8 @@ It follows from the ledger; of candidates that are alike in all that it says, al
 import math
 from collections.abc import Callable, Collection, Sequence
 
-from tacevo.choices import ArchiveKind, FitnessRule
+from tacevo.choices import FitnessRule
+from tacevo.config.deciding import constant
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.evolution.lines import (
@@ -18,6 +19,7 @@ from tacevo.evolution.lines import (
     misreported,
     skipped_note,
 )
+from tacevo.parts.kinds import ARCHIVES
 from tacevo.results.copies import copies
 from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
@@ -245,7 +247,7 @@ def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
         f"`{did}` is of all slots; in generation 0 the baseline has one of them. `networks` and `prompts` are the "
         "coverage of the two archives."
     )
-    if config.archive.kind is ArchiveKind.best:
+    if not constant(config, ARCHIVES, "has_niches"):
         words += f" That of networks has no niches, but places for the best {config.archive.kept}."
     if config.search.training_flops is not None:
         counts = "what it looks up reaches" if is_looked_up(config) else "its trainings reach"

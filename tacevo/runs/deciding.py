@@ -11,16 +11,28 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from tacevo.config.deciding import brought, code_hash
+from tacevo.config.deciding import brought, code_hash, decision
 from tacevo.config.schema import RunConfig
 from tacevo.errors import DivergenceError, PartError, RunError
-from tacevo.parts import Candidate, Generation, Parents, Population, PromptHistory, Prompts, Temperature
-from tacevo.parts.kinds import PARENTS, PROMPTS, TEMPERATURES, Kind
+from tacevo.parts import (
+    Archive,
+    Candidate,
+    Descriptor,
+    Generation,
+    Parents,
+    Population,
+    PromptHistory,
+    Prompts,
+    Temperature,
+)
+from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, PARENTS, PROMPTS, TEMPERATURES, Kind
 from tacevo.parts.registry import of_settings
 from tacevo.parts.sources import recalled
+from tacevo.profile import Profile
 from tacevo.records import Json, to_json
+from tacevo.rounding import rounded
 from tacevo.sandbox.part_process import PartProcess, Recorded
-from tacevo.storage.canonical import canonical, content_hash
+from tacevo.storage.canonical import canonical
 from tacevo.storage.run_directory import PARTS, RunDirectory
 from tacevo.storage.store import Store
 
@@ -71,12 +83,8 @@ class Decisions:
         self.counts[part.place] = self.counts.get(part.place, 0) + 1
         if self._store is None:
             return self._process.ask(part, method, given)
-        request: dict[str, Json] = {
-            "part": code_hash(part.module, part.attribute, part.sources),
-            "settings": dict(part.settings),
-            "method": method,
-            "given": content_hash(given),
-        }
+        code = code_hash(part.module, part.attribute, part.sources)
+        request = decision(code, part.settings, method, given)
         recorded = self._store.find(request)
         if recorded is None:
             return self._store.keep(request, self._process.ask(part, method, given))
@@ -121,6 +129,16 @@ class Parts:
         temperature: Temperature = self._part(TEMPERATURES, settings.rule, settings, _Temperature)
         return temperature
 
+    def archive(self) -> Archive:
+        """Return who says where the niches are."""
+        archive: Archive = self._part(ARCHIVES, self.config.archive.kind, self.config.archive, _Archive)
+        return archive
+
+    def axes(self) -> dict[str, Descriptor]:
+        """Return what measures the axes of the archive, by name, in their order."""
+        settings = self.config.archive
+        return {name: self._part(DESCRIPTORS, name, settings, _Descriptor) for name in settings.axes}
+
     def _part(self, kind: Kind, name: str, settings: object, brought: type["_Brought"]) -> Any:
         if name in kind.ours:
             return of_settings(kind, name, settings)
@@ -163,6 +181,11 @@ class _Brought:
 
     def _ask(self, method: str, given: Json) -> Json:
         return self._decisions.ask(self._recorded, f"{self._recorded.kind.name}.{method}", given)
+
+    def _number(self, method: str, given: Json) -> float:
+        answer = self._ask(method, given)
+        self._check(isinstance(answer, float), method, answer, "a number")
+        return float(answer)  # type: ignore[arg-type]
 
     def _check(self, holds: bool, method: str, answer: Json, expected: str) -> None:
         if not holds:
@@ -213,10 +236,29 @@ class _Temperature(_Brought, Temperature):
     def next(self, ended: Generation) -> float:
         return self._number("next", {"ended": to_json(ended)})
 
-    def _number(self, method: str, given: Json) -> float:
-        answer = self._ask(method, given)
-        self._check(isinstance(answer, float), method, answer, "a number")
-        return float(answer)  # type: ignore[arg-type]
+
+class _Descriptor(_Brought, Descriptor):
+    def describe(self, profile: Profile) -> float:
+        return rounded(self._number("describe", {"profile": to_json(profile)}))
+
+
+class _Archive(_Brought, Archive):
+    def centroids(self, niches: int, axes: int) -> Sequence[Sequence[float]]:
+        given: Json = {"niches": niches, "axes": axes}
+        answer = self._ask("centroids", given)
+        points = answer if isinstance(answer, list) else []
+        sound = len(points) == niches and all(_is_point(point, axes) for point in points)
+        self._check(sound, "centroids", answer, f"{niches} points of {axes} coordinates in [0, 1]")
+        return [[float(value) for value in point] for point in points]
+
+
+def _is_point(point: Json, axes: int) -> bool:
+    """Answer whether this is a point of the unit cube."""
+    return (
+        isinstance(point, list)
+        and len(point) == axes
+        and all(isinstance(value, float) and 0 <= value <= 1 for value in point)
+    )
 
 
 def _seen(candidate: Candidate) -> dict[str, Json]:

@@ -9,13 +9,13 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn, Self
 
-from tacevo.choices import ArchiveKind, BoundsRule, Device, Numerics
+from tacevo.choices import BoundsRule, Device, Numerics
 from tacevo.config.checks import check_device
 from tacevo.config.chosen import own_settings, part_of
 from tacevo.config.schema import ArchiveConfig, NumericsConfig, RunConfig, TrainingConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
-from tacevo.evolution.archive import AxisBounds, NetworkArchive, Tessellation, TopK, find_centroids
+from tacevo.evolution.archive import AxisBounds, Cvt, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.development import LLM, Effects
 from tacevo.evolution.proposals import Settings
@@ -59,16 +59,16 @@ def build_plan(
     parts = parts or Parts.of(config, Decisions(None))
     archive = config.archive
     store = (stores or stores_of(config)).of("centroids", mode)
-    bounds = _fixed_bounds(archive)
+    bounds = _fixed_bounds(archive, parts)
     return Plan(
         task=task,
         settings=build_settings(config, parts),
         generations=config.search.generations,
         initial=config.search.initial,
-        networks=_places(archive, store),
+        networks=_places(archive, parts, store),
         prompts=_tessellation(archive, archive.prompt_niches, 2, store),
         archive=NetworkArchive(bounds=bounds, fixed=bounds is not None),
-        eff_ratio_scale=archive.eff_ratio_scale,
+        axes=parts.axes(),
         temperature=parts.temperature(),
         temperature_start=config.temperature.start,
         repairs=config.proposals.repair_attempts,
@@ -76,7 +76,6 @@ def build_plan(
         budget=_budget(config, facts),
         fitness=config.training.fitness,
         seeds=config.training.seeds,
-        axes=tuple(archive.axes),
     )
 
 
@@ -107,9 +106,9 @@ def build_settings(config: RunConfig, parts: Parts) -> Settings:
     )
 
 
-def _fixed_bounds(archive: ArchiveConfig) -> AxisBounds | None:
+def _fixed_bounds(archive: ArchiveConfig, parts: Parts) -> AxisBounds | None:
     """Return the bounds of the network archive's axes, where the configuration has them."""
-    if archive.kind is ArchiveKind.best or archive.bounds is BoundsRule.adaptive:
+    if not parts.archive().has_niches or archive.bounds is BoundsRule.adaptive:
         return None
     scale = archive.eff_ratio_scale
     ranges = [[on_axis(axis, end, scale) for end in getattr(archive, f"{axis}_bounds")] for axis in archive.axes]
@@ -122,13 +121,14 @@ def stores_of(config: RunConfig) -> Stores:
     return Stores(Path(config.store.root))
 
 
-def _places(archive: ArchiveConfig, store: Store) -> Tessellation | TopK:
+def _places(archive: ArchiveConfig, parts: Parts, store: Store) -> Tessellation | TopK:
     """Return the network archive's niches, or the places of one that has none."""
-    match archive.kind:
-        case ArchiveKind.cvt:
-            return _tessellation(archive, archive.niches, len(archive.axes), store)
-        case ArchiveKind.best:
-            return TopK(niches=archive.kept)
+    part = parts.archive()
+    if not part.has_niches:
+        return TopK(niches=archive.kept)
+    if isinstance(part, Cvt):
+        return _tessellation(archive, archive.niches, len(archive.axes), store)
+    return Tessellation(part.centroids(archive.niches, len(archive.axes)))
 
 
 def _tessellation(archive: ArchiveConfig, niches: int, dimensions: int, store: Store) -> Tessellation:

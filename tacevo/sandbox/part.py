@@ -225,12 +225,9 @@ def _frozen(value: Any) -> Any:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
-def _niches(header: Header) -> Json:
-    return int(_part(header).niches())
-
-
-def _niche_of(header: Header) -> Json:
-    return int(_part(header).niche_of(tuple(header["given"]["point"])))
+def _centroids(header: Header) -> Json:
+    given = header["given"]
+    return [[_finite(value) for value in point] for point in _part(header).centroids(given["niches"], given["axes"])]
 
 
 def _finite(value: Any) -> float:
@@ -249,6 +246,5 @@ _METHODS: Mapping[str, Callable[[Header], Json]] = {
     "temperatures.next": _next,
     "fitness.of": _of,
     "descriptors.describe": _describe_network,
-    "archives.niches": _niches,
-    "archives.niche_of": _niche_of,
+    "archives.centroids": _centroids,
 }

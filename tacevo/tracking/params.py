@@ -4,7 +4,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 
-from tacevo.choices import Axis, FitnessRule
+from tacevo.choices import PAPER_AXES, FitnessRule
 from tacevo.costs import Spending, total
 from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Instruction, Json, Operator
@@ -35,7 +35,7 @@ _GENERATION_METRICS = (
 
 _CANDIDATE_METRICS = (
     "fitness",
-    *Axis,
+    *PAPER_AXES,
     "entropy",
     "density",
     "variation",

@@ -11,7 +11,6 @@ from hand_runs import of_lines
 from ledger_lines import ended, header, rejected, run_record, trained
 from rendered import HOSTILE, skeleton
 
-from tacevo.choices import ArchiveKind
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
@@ -107,7 +106,7 @@ SPENT = {
 #: Runs that have something which `LINES` lack, and the words for it.
 PECULIAR: list[tuple[RecordedRun, list[str]]] = [
     (
-        run_of(*LINES, config=replace(CONFIG, archive=replace(CONFIG.archive, kind=ArchiveKind.best, kept=7))),
+        run_of(*LINES, config=replace(CONFIG, archive=replace(CONFIG.archive, kind="best", kept=7))),
         ["has no niches, but places for the best 7."],
     ),
     (

@@ -12,6 +12,7 @@ from tacevo.choices import Scale
 from tacevo.evolution import instructions, parents
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import NetworkArchive, Tessellation, find_centroids
+from tacevo.evolution.descriptors import ArchDiv, EffRatio
 from tacevo.evolution.development import Effects, Evaluate, Outcome
 from tacevo.evolution.lines import SearchLine
 from tacevo.evolution.proposals import Settings
@@ -86,7 +87,7 @@ def plan(*, generations: int = 4, rule: Temperature | None = None, **changes: ob
         networks=NETWORKS,
         prompts=PROMPTS,
         archive=NetworkArchive(),
-        eff_ratio_scale=Scale.linear,
+        axes={"arch_div": ArchDiv(), "eff_ratio": EffRatio(eff_ratio_scale=Scale.linear)},
         temperature=rule or Paper(step=0.05),
         temperature_start=0.6,
     )
