@@ -67,7 +67,6 @@ def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, s
         skipped=config.proposals.skipped,
         budget=_budget(config, facts),
         fitness=config.training.fitness,
-        seeds=config.training.seeds,
         axes=tuple(archive.axes),
     )
 
@@ -78,7 +77,7 @@ def _budget(config: RunConfig, facts: DataFacts) -> Budget | None:
     if flops is None:
         return None
     train, _, _ = facts.counts
-    return Budget(flops=flops, images=train, epochs=config.training.epochs, seeds=config.training.seeds)
+    return Budget(flops=flops, images=train, epochs=config.training.epochs)
 
 
 def build_settings(config: RunConfig) -> Settings:
@@ -223,15 +222,15 @@ class Workbench:
     def effects(self, rules: Rules) -> Effects:
         """Return the effects of a search."""
         gate, evaluator = self.gate(rules), self.evaluator(rules)
-        seed, mode = self.config.seed, self._mode_under(rules)
+        seed, mode = training_seed(self.config.seed, 0), self._mode_under(rules)
         llm = self.llm if mode is self.mode else None
         return Effects(
             llm=llm or build_llm(self.config, mode, stores=self.stores),
             admit=gate.admit,
             inspect=gate.inspect,
             measure=gate.measure,
-            evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
-            evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
+            evaluate=lambda source: evaluator.evaluate(source, seed),
+            evaluation_key=lambda source: evaluator.key(source, seed),
             executor=self.executor,
             cpu_seconds=self.cpu_seconds,
         )
@@ -272,9 +271,8 @@ class Workbench:
         examples = None if self.data is None else examples_of(self.data)
         if examples is not None and self.config.data.source is DataSource.table:
             table = table_of(self.config)
-            seed, own = self.config.seed, self.config.training.seeds
-            numbered = [training_seed(seed, number) for number in range(own)]
-            numbered += [noise_seed(seed, number) for number in range(len(table.header.seeds) - own)]
+            seed, others = self.config.seed, len(table.header.seeds) - 1
+            numbered = [training_seed(seed, 0), *(noise_seed(seed, number) for number in range(others))]
             return LookedUp(table, numbered, store=store, setting=setting, examples=examples, rules=rules.training)
         return Evaluator(
             run=self._sandbox(self.mode),
