@@ -208,7 +208,7 @@ def spent_on_training(run: RecordedRun) -> int:
     """Return the FLOPs of a search's trainings, as its budget counts them."""
     trained = trained_networks(run.trained)
     images, epochs = run.facts.counts[0], run.config.training.epochs
-    return training_flops(trained, images=images, epochs=epochs, seeds=run.seeds)
+    return training_flops(trained, images=images, epochs=epochs)
 
 
 def spending(run: RecordedRun, slots: Iterable[CandidateLine]) -> Spending | None:

@@ -11,7 +11,6 @@ import pandas as pd
 from analysis.statistics.pareto import front, hypervolume
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import rounded
-from tacevo.text import drawn
 
 #: The columns of a frame of trained candidates, whose index is `id`, and the type of each: the fitness, what it is in
 #: words, and how many trainings it is the median of; the costs.
@@ -19,6 +18,9 @@ PARETO = {"fitness": "float64", "estimate": "str", "draws": "Int64", "parameters
 
 #: What stands in `estimate` where a study or a noise run gave the fitness.
 REESTIMATED = "re-estimated"
+
+#: What stands there elsewhere: the search trained a candidate once.
+ONE_DRAW = "one draw"
 
 
 def reference_point(run: RecordedRun) -> tuple[float, int] | None:
@@ -56,9 +58,8 @@ def beside_costs(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> pd.D
     for line in run.trained:
         values = again.get(str(line.source), ())
         fitness = rounded(float(np.median(values))) if values else line.fitness
-        draws = len(values) or run.seeds
-        words = REESTIMATED if values else drawn(draws)
-        rows[line.id] = (fitness, words, draws, line.parameters, line.flops)
+        words = REESTIMATED if values else ONE_DRAW
+        rows[line.id] = (fitness, words, len(values) or 1, line.parameters, line.flops)
     index = pd.Index(list(rows), name="id", dtype="str")
     return pd.DataFrame(list(rows.values()), index=index, columns=list(PARETO)).astype(PARETO)
 

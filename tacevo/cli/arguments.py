@@ -191,11 +191,12 @@ def add_plan(parser: Parser) -> None:
 def add_tabulate(parser: Parser) -> None:
     """Describe `tacevo tabulate`."""
     parser.description = (
-        "Probe every network of a closed space (llm.space) and train it fully with training.seeds seeds for "
-        "training.epochs epochs; write all of it into one file, for searches with data=table. The same command "
+        "Probe every network of a closed space (llm.space) and train it fully, for training.epochs epochs with "
+        "each of some seeds; write all of it into one file, for searches with data=table. The same command "
         "continues a stopped one."
     )
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
+    parser.add_argument("--seeds", type=whole_number, default=1, metavar="N", help="trainings of each network (1)")
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="the file to write, such as table.zip")
     add_config_dir(parser)
     parser.set_defaults(command=_later("tabulate", "tabulate"))

@@ -70,7 +70,7 @@ def show_sweep(directory: SweepDirectory) -> str:
 _EDITED = "EDITED: this is not the source that the run admitted. Its hash is not the ledger's."
 
 #: Ledger fields of a candidate that are shown elsewhere, or not at all.
-_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "seeds"}
+_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs"}
 
 
 def show_run(path: Path, store: Path | None = None) -> str:
@@ -136,9 +136,6 @@ def show_candidate(path: Path, name: str) -> str:
     if line.repairs:
         reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
         parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
-    if line.seeds:
-        told = ", ".join(f"{run.fitness_rule.of(one.validation_losses):.6g}" for one in line.seeds)
-        parts.append(f"Losses of this source in the search, one for each training seed: {told}")
     if line.train_losses is not None and line.validation_losses is not None:
         parts.append(_losses(line.train_losses, line.validation_losses))
     return "\n\n".join([*parts, *_kept(directory, line)]).rstrip() + "\n"

@@ -18,30 +18,42 @@ class _Setting:
 
     #: The setting of its group that it stood behind in run.json.
     behind: str
+    default: int | float
     #: What a user can do now.
     instead: str
+    #: Whether it worked by itself, and not only beside a value that is refused.
+    worked_alone: bool = False
 
     def says_nothing(self, value: Json) -> bool:
         """Answer whether a run with this value is as one without this setting."""
-        return type(value) in {int, float}  # it only worked beside a value that is refused by itself
+        return type(value) is type(self.default) and (value == self.default or not self.worked_alone)
 
 
 _AGEING = "set proposals.parents=best_k, which selects as strongly without niches"
 
-_EXTRACT = "set archive.kind=cvt, and train elites again after the search: `tacevo noise run=...`"
+_EXTRACT = "set archive.kind=cvt, and train elites again after the search: `tacevo noise RUN`"
+
+_SEEDS = "leave it out, and train elites again after the search: `tacevo noise RUN`"
 
 _SETTINGS = {
-    "archive.reevaluated": _Setting(behind="kept", instead=_EXTRACT),
-    "proposals.population": _Setting(behind="skipped", instead=_AGEING),
-    "proposals.tournament": _Setting(behind="population", instead=_AGEING),
+    "archive.reevaluated": _Setting(behind="kept", default=0.25, instead=_EXTRACT),
+    "proposals.population": _Setting(behind="skipped", default=100, instead=_AGEING),
+    "proposals.tournament": _Setting(behind="population", default=25, instead=_AGEING),
+    "training.seeds": _Setting(
+        behind="fitness",
+        default=1,
+        instead=f"{_SEEDS}; `tacevo tabulate --seeds N` trains each network of a table N times",
+        worked_alone=True,
+    ),
 }
 
 #: Values of settings, and choices of groups.
 _VALUES = {
     "archive.kind=extract": _EXTRACT,
-    "archive=extract": "choose archive=cvt, and train elites again after the search: `tacevo noise run=...`",
-    "ablation=extract": "choose ablation=none, and train elites again after the search: `tacevo noise run=...`",
+    "archive=extract": "choose archive=cvt, and train elites again after the search: `tacevo noise RUN`",
+    "ablation=extract": "choose ablation=none, and train elites again after the search: `tacevo noise RUN`",
     "proposals.parents=tournament": _AGEING,
+    "ablation=three_seeds": _SEEDS,
     "ablation=regularised_evolution": "compare with ablation=best_k, which selects as strongly without niches",
 }
 
@@ -49,7 +61,7 @@ _VALUES = {
 def removed(what: str) -> ConfigError | None:
     """Return the error for KEY or KEY=VALUE, where that was removed."""
     key = what.partition("=")[0]
-    instead = _SETTINGS[what].instead if what in _SETTINGS else _VALUES.get(what)
+    instead = _SETTINGS[key].instead if key in _SETTINGS else _VALUES.get(what)
     if instead is None:
         return None
     return ConfigError(f"{what}, which was removed", place=key, expected="a setting of this release", remedy=instead)
@@ -72,7 +84,7 @@ def without_removed(plain: Mapping[str, Json]) -> dict[str, Json]:
             setting = _SETTINGS.get(key)
             if setting is not None and setting.says_nothing(value):
                 continue
-            if error := removed(f"{key}={value}" if setting is None else key):
+            if error := removed(f"{key}={value}"):
                 raise error
             kept[group][name] = value
     return kept

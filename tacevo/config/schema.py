@@ -318,8 +318,6 @@ class TrainingConfig(Record):
     #: With `device=cuda`: whether the step of a training is recorded once and replayed, where the network allows it.
     captured: bool = True
     fitness: FitnessRule = FitnessRule.last  #: what a training's fitness is of its validation losses
-    #: Trainings of each candidate; its fitness is the median of theirs.
-    seeds: Annotated[OneToMillion, is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
 
 @dataclass(frozen=True, kw_only=True)

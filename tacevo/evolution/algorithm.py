@@ -71,8 +71,6 @@ def step(state: SearchState, plan: Plan, effects: Effects, ledger: LedgerWriter,
         propose(state, plan),
         effects,
         repairs=plan.repairs,
-        seeds=plan.seeds,
-        rule=plan.fitness,
         skips=skips(state.candidates.values(), plan.skipped),
     )
     for outcome in outcomes:
@@ -277,5 +275,4 @@ def _candidate_line(outcome: Outcome, plan: Plan) -> CandidateLine:
         )
     if outcome.result is None:
         return line
-    trainings, keys = outcome.trainings, outcome.keys
-    return with_result(line, outcome.result, seed=outcome.seed, trainings=trainings, keys=keys, rule=plan.fitness)
+    return with_result(line, outcome.result, evaluation=outcome.evaluation, rule=plan.fitness)

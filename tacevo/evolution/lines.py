@@ -6,9 +6,9 @@ before a field existed therefore keep their bytes.
 
 import hashlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Literal, Self
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
 
 from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import AddStatus, AxisBounds
@@ -41,23 +41,6 @@ class RepairedAnswer(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SeedLine(Record):
-    """One of several trainings of a candidate, each with a seed of its own."""
-
-    #: The number of its training seed.
-    seed: int
-    #: Key of the training in its store.
-    evaluation: str
-    train_losses: tuple[float, ...]
-    validation_losses: tuple[float, ...]
-    predictions: str
-    weights: str
-    not_deterministic: tuple[str, ...] = ()
-    #: On a GPU: whether its steps were recorded once and replayed.
-    captured: bool | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CandidateLine(Record):
     """What became of one slot of a generation."""
 
@@ -82,11 +65,6 @@ class CandidateLine(Record):
     not_deterministic: tuple[str, ...] = ()
     #: On a GPU: whether its steps were recorded once and replayed.
     captured: bool | None = None
-    #: The number of the training seed, from 0, that evaluation, fitness, losses and digests are of: of several seeds
-    #: the one with the median loss, or the first that failed.
-    seed: int = 0
-    #: All trainings in the order of their seeds, where there are several; () of a rejected candidate.
-    seeds: tuple[SeedLine, ...] = ()
     operator: Operator
     parents: tuple[str, ...]
     #: Number of the instruction; None for crossovers, and where no model was asked.
@@ -122,13 +100,6 @@ class CandidateLine(Record):
     kind: Literal["candidate"] = "candidate"
 
     LATER: ClassVar[frozenset[str]] = frozenset({"skipped", "measures"})
-
-    def by_seed(self) -> tuple[Self, ...]:
-        """Return a line for each training that this one records, with what is that training's."""
-        if not self.seeds:
-            return (self,)
-        names = [field.name for field in fields(SeedLine)]
-        return tuple(replace(self, **{name: getattr(one, name) for name in names}) for one in self.seeds)
 
     @property
     def sent_temperature(self) -> float | None:
@@ -227,27 +198,17 @@ def of_training(training: Training) -> dict[str, Any]:
 
 
 def with_result(
-    line: CandidateLine,
-    result: Training | Rejection,
-    *,
-    seed: int,
-    trainings: Mapping[int, Training],
-    keys: Mapping[int, str],
-    rule: FitnessRule,
+    line: CandidateLine, result: Training | Rejection, *, evaluation: str | None, rule: FitnessRule
 ) -> CandidateLine:
-    """Return a line with what gate and training found; values are as of `tacevo.evolution.development.Outcome`."""
-    line = replace(line, seed=seed, evaluation=keys.get(seed))
+    """Return a line with what gate and training found; `evaluation` names the training, where there was one."""
+    line = replace(line, evaluation=evaluation)
     if isinstance(result, Rejection):
         return replace(line, stage=result.stage, reason=result.reason)
-    seeds = tuple(
-        SeedLine(seed=number, evaluation=keys[number], **of_training(training))
-        for number, training in trainings.items()
-    )
-    return replace(with_training(line, result, rule), seeds=seeds if len(seeds) > 1 else ())
+    return with_training(line, result, rule)
 
 
-def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: int, seeds: int = 1) -> int:
-    """Add up the FLOPs of trainings: forward FLOPs of one image x images x epochs x seeds, each network once.
+def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: int) -> int:
+    """Add up the FLOPs of trainings: forward FLOPs of one image x images x epochs, each network once.
 
     The backward pass is not counted: a training takes about three times as many, whatever the network. A network that
     comes again is recalled and not trained again.
@@ -257,9 +218,8 @@ def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: i
             one image in training mode, >= 0. Trainings that failed are not among them: where they stopped is not known.
         images: of the training split, in every epoch.
         epochs: of every training.
-        seeds: trainings of a network.
     """
-    return images * epochs * seeds * sum(dict(trained).values())
+    return images * epochs * sum(dict(trained).values())
 
 
 def trained_networks(lines: Iterable[CandidateLine]) -> list[tuple[str, int]]:

@@ -70,6 +70,12 @@ def line_kind(entry: Mapping[str, Json]) -> type[Line] | None:
             expected="a line that this release writes",
             remedy="set archive.kind=cvt, and call `tacevo noise` after the search",
         )
+    if entry.get("seeds"):
+        raise RunError(
+            "a candidate of several trainings, by training.seeds, which was removed",
+            expected="a line that this release writes",
+            remedy="leave training.seeds out, and call `tacevo noise` after the search",
+        )
     return _KINDS.get(str(entry.get("kind")))
 
 

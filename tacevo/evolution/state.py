@@ -21,14 +21,13 @@ class Budget:
 
     #: What the search ends at, in FLOPs as `training_flops` counts them; > 0.
     flops: float
-    #: Images in one epoch of a training, epochs of one, and trainings of a network.
+    #: Images in one epoch of a training, and epochs of one.
     images: int
     epochs: int
-    seeds: int = 1
 
     def is_spent(self, trained: Iterable[tuple[str, int]]) -> bool:
         """Return whether trainings have reached the bound; for `trained` see `training_flops`."""
-        return training_flops(trained, images=self.images, epochs=self.epochs, seeds=self.seeds) >= self.flops
+        return training_flops(trained, images=self.images, epochs=self.epochs) >= self.flops
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,8 +53,6 @@ class Plan:
     budget: Budget | None = None
     #: What the fitness of a training is of its losses.
     fitness: FitnessRule = FitnessRule.last
-    #: Training seeds of a candidate, odd; its fitness is the median of theirs.
-    seeds: int = 1
     #: The part of the networks that a surrogate judges worst, and that are not trained, in [0, 1).
     skipped: float = 0.0
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.

@@ -1,7 +1,6 @@
 """The trainings whose weights are exported: which they are, what is recorded of them, and how they went again."""
 
 import re
-import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
@@ -137,8 +136,9 @@ def design(
     rows = () if study is None else study.scores.rows
     scores = tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine))
     uncited = "" if study is None else missing or _without_predictions(run, study)
-    searched = [one for of in run.ledger.lines if isinstance(of, CandidateLine) for one in of.by_seed()]
-    recorded: dict[str, CandidateLine | Row] = {one.evaluation: one for one in searched if one.evaluation is not None}
+    recorded: dict[str, CandidateLine | Row] = {
+        one.evaluation: one for one in run.candidates if one.evaluation is not None
+    }
     for one, lacking in studies:
         recorded |= {} if lacking else {row.evaluation: row for row in one.scores.rows}
     return TrainingPlan(
@@ -251,7 +251,7 @@ def _lasts(run: RecordedRun, plan: TrainingPlan, *, twice: bool) -> float | None
     took, was = run.cpu_seconds.get(plan.line.id), run.config.training
     if took is None:
         return None
-    one = took / was.seeds * plan.config.training.epochs / was.epochs * (2 if twice else 1)
+    one = took * plan.config.training.epochs / was.epochs * (2 if twice else 1)
     rounds = -(-len(plan.seeds) // plan.config.executor.workers)
     return one * rounds + CONVERTING
 
@@ -330,9 +330,7 @@ def _differing(told: FullTraining | Training | None, weighed: Weighed, rules: in
 
 def _differing_from_line(line: CandidateLine, now: Training, rule: FitnessRule) -> list[str]:
     """Name what the ledger says otherwise; a ledger of an earlier release does not say all of it."""
-    losses = [one.validation_losses for one in line.seeds] or [now.validation_losses]
-    # Of several trainings that of the upper median stands for the candidate.
-    said = of_training(now) | {"fitness": statistics.median_high(map(rule.of, losses))}
+    said = of_training(now) | {"fitness": rule.of(now.validation_losses)}
     return [
         name
         for name in ("train_losses", "validation_losses", "predictions", "weights", "fitness")

@@ -94,8 +94,8 @@ def decisive(runs: Iterable[RecordedRun]) -> set[str]:
         for study in map(StudyDirectory.read, studies_of(run.path)):
             if study.terms is not None and study.digest is not None and study.run == run.digest:
                 networks.update(network.source for network in study.networks)
-        trained = (line for line in run.ledger.lines if isinstance(line, CandidateLine) and line.source in networks)
-        keys.update(one.evaluation for line in trained for one in line.by_seed() if one.evaluation is not None)
+        trained = (line for line in run.candidates if line.source in networks)
+        keys.update(line.evaluation for line in trained if line.evaluation is not None)
     return keys
 
 
@@ -118,16 +118,14 @@ def chosen(
 def evaluations(runs: Sequence[RecordedRun]) -> list[Evaluation]:
     """List the evaluations of all runs whose outcome does not depend on the machine's speed or memory.
 
-    Each is listed once, with the first run and line that have it; of several seeds each has its own line
-    (`CandidateLine.by_seed`).
+    Each is listed once, with the first run and line that have it.
     """
     pairs: dict[str, Evaluation] = {}
     for run in runs:
         check_known("training", run.rules.training, TRAININGS, run.directory.path)
-        for line in run.ledger.lines:
-            for one in line.by_seed() if isinstance(line, CandidateLine) else ():
-                if one.evaluation is not None and one.reason not in BY_MACHINE:
-                    pairs.setdefault(one.evaluation, (run, one))
+        for line in run.candidates:
+            if line.evaluation is not None and line.reason not in BY_MACHINE:
+                pairs.setdefault(line.evaluation, (run, line))
     return list(pairs.values())
 
 
@@ -139,19 +137,17 @@ def _retrain(run: RecordedRun, lines: Sequence[CandidateLine], view: Progress, n
     doubts = doubts_of(run.record, config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
-    jobs = [
-        (run.directory.read_source(line.id, str(line.source)), training_seed(config.seed, line.seed)) for line in lines
-    ]
+    sources = [run.directory.read_source(line.id, str(line.source)) for line in lines]
+    seed = training_seed(config.seed, 0)
     data = load_same(config, run.record.data, view)
     _check_trivial(run, trivial_of(config, run.record.task, data))
     with Workbench(config, run.record.task, data.facts, Mode.live, data=data) as bench:
         evaluator = bench.evaluator(run.rules)
-        retrained = bench.executor.map(lambda job: evaluator.retrain(*job), jobs)
+        retrained = bench.executor.map(lambda source: evaluator.retrain(source, seed), sources)
         results = zip(lines, retrained, strict=True)
         for number, (line, result) in enumerate(results, start=1):
             _check_equal(name, line, result, doubts)
-            seed = f", seed {line.seed}" if line.seed else ""
-            view.say(f"{name}{line.id}{seed}: as recorded ({number} of {len(lines)})")
+            view.say(f"{name}{line.id}: as recorded ({number} of {len(lines)})")
 
 
 def describe(lines: Sequence[CandidateLine], of: int, choice: str, did: str = "trained") -> str:

@@ -49,7 +49,7 @@ from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import FinishedDirectory, RunDirectory, RunRecord
 from tacevo.storage.store import place_of
-from tacevo.text import counted, drawn, listed
+from tacevo.text import counted, listed
 
 #: How many of the best networks tables and figures look at, as the paper does.
 TOP = 4
@@ -209,17 +209,7 @@ class RecordedRun:
         """What its trainings took in FLOPs, as its budget counts them (`tacevo.evolution.lines.training_flops`)."""
         images, training = self.record.data.counts[0], self.config.training
         trained = trained_networks(self.candidates)
-        return training_flops(trained, images=images, epochs=training.epochs, seeds=training.seeds)
-
-    @property
-    def seeds(self) -> int:
-        """The training seeds of a candidate, whose median loss is its fitness."""
-        return self.config.training.seeds
-
-    @property
-    def fitness_in_words(self) -> str:
-        """What a recorded fitness is."""
-        return drawn(self.seeds)
+        return training_flops(trained, images=images, epochs=training.epochs)
 
     @property
     def has_prompts(self) -> bool:

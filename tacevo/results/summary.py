@@ -24,7 +24,7 @@ from tacevo.results.copies import copies
 from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import significant
-from tacevo.text import counted, drawn, in_markdown, listed, table
+from tacevo.text import counted, in_markdown, listed, table
 
 #: What the trivial loss is.
 TRIVIAL = "the least that the same answer to every validation image can have"
@@ -58,11 +58,11 @@ def _short(run: RecordedRun, write: Callable[[str], str]) -> list[str]:
     return [*above, elites, "\n".join(map(write, rates_in_words(run)))]
 
 
-#: What a fitness is of one training, and of several; `{}` is what seed it is.
+#: What a fitness is of a training; `{}` is what seed it is.
 _LOSSES = {
-    FitnessRule.last: ("loss of one {} seed", "losses of as many {} seeds"),
-    FitnessRule.lowest: ("lowest loss of one seed", "lowest losses of as many seeds"),
-    FitnessRule.mean_of_3: ("mean of 3 losses of one seed", "means of 3 losses of as many seeds"),
+    FitnessRule.last: "loss of one {} seed",
+    FitnessRule.lowest: "lowest loss of one seed",
+    FitnessRule.mean_of_3: "mean of 3 losses of one seed",
 }
 
 
@@ -78,10 +78,8 @@ def evaluated(config: RunConfig) -> str:
 
 def worth(config: RunConfig) -> str:
     """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
-    seeds = config.training.seeds
-    one, several = _LOSSES[config.training.fitness]
-    losses = (one if seeds == 1 else several).format("recorded" if is_looked_up(config) else "training")
-    return f"{drawn(seeds)}, the {losses}, and the best is the lowest of many."
+    loss = _LOSSES[config.training.fitness].format("recorded" if is_looked_up(config) else "training")
+    return f"one draw, the {loss}, and the best is the lowest of many."
 
 
 def searched(run: RecordedRun) -> str:
@@ -206,7 +204,7 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
             line.id: line.not_portable for line in lines if not line.skipped
         },
         "Bits may differ from one training to the next, where an operation has no deterministic form": {
-            line.id: tuple(sorted({use for one in line.by_seed() for use in one.not_deterministic})) for line in lines
+            line.id: tuple(sorted(set(line.not_deterministic))) for line in lines
         },
     }
     named = {
@@ -217,7 +215,7 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
 
 def _eager(lines: Collection[CandidateLine]) -> list[str]:
     """Name the candidates whose steps could not be recorded on a GPU, where that was asked for."""
-    trained = [(line.id, one.captured) for line in lines for one in line.by_seed() if one.captured is not None]
+    trained = [(line.id, line.captured) for line in lines if line.captured is not None]
     eager = dict.fromkeys(id for id, captured in trained if not captured)
     if not trained:
         return []

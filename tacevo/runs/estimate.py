@@ -245,7 +245,4 @@ def _remarks(config: RunConfig) -> Sequence[str]:
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"
     retired = prices.retirement(config.llm.name)
     gone = [] if retired is None else [f"{config.llm.model} is not served from {retired} on; set llm.model to another"]
-    trainings = []
-    if config.training.seeds > 1:
-        trainings.append(f"each admitted network is trained {config.training.seeds} times, which is not priced")
-    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone, *trainings]
+    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone]

@@ -75,7 +75,6 @@ def build_plan(
         skipped=config.proposals.skipped,
         budget=_budget(config, facts),
         fitness=config.training.fitness,
-        seeds=config.training.seeds,
     )
 
 
@@ -85,7 +84,7 @@ def _budget(config: RunConfig, facts: DataFacts) -> Budget | None:
     if flops is None:
         return None
     train, _, _ = facts.counts
-    return Budget(flops=flops, images=train, epochs=config.training.epochs, seeds=config.training.seeds)
+    return Budget(flops=flops, images=train, epochs=config.training.epochs)
 
 
 def build_settings(config: RunConfig, parts: Parts) -> Settings:
@@ -217,15 +216,15 @@ class Workbench:
     def effects(self, rules: Rules) -> Effects:
         """Return the effects of a search."""
         gate, evaluator = self.gate(rules), self.evaluator(rules)
-        seed, mode = self.config.seed, self._mode_under(rules)
+        seed, mode = training_seed(self.config.seed, 0), self._mode_under(rules)
         llm = self.llm if mode is self.mode else None
         return Effects(
             llm=llm or build_llm(self.config, mode, stores=self.stores),
             admit=gate.admit,
             inspect=gate.inspect,
             measure=gate.measure,
-            evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
-            evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
+            evaluate=lambda source: evaluator.evaluate(source, seed),
+            evaluation_key=lambda source: evaluator.key(source, seed),
             executor=self.executor,
             cpu_seconds=self.cpu_seconds,
         )

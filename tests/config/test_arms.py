@@ -193,22 +193,8 @@ def test_every_arm_begins_with_the_generation_0_of_none(name: str) -> None:
     assert asked(arm(name)) == asked(arm("none"))
 
 
-def test_three_seeds_train_the_same_generation_0_by_other_seeds_too(folder: Path) -> None:
-    """Requests, answers and sources are those of `none`; a fitness is a median, of which seed 0 is one draw."""
-    lines, _ = searched("three_seeds", folder)
-    plain, _ = searched("none", folder)
-    fields = (*REQUEST, "answer", "source")
-    first = [line for line in lines if line["generation"] == 0]
-    assert [[line.get(field) for field in fields] for line in first] == [
-        [line.get(field) for field in fields] for line in plain if line["generation"] == 0
-    ]
-    for one, other in zip(first, plain, strict=False):
-        assert ("fitness" in one) == ("fitness" in other)
-        assert "fitness" not in one or one["seeds"][0]["evaluation"] == other["evaluation"]
-
-
 @pytest.mark.few(5)
-@pytest.mark.parametrize("name", sorted(set(ARMS) - {"llm_vs_grammar", "three_seeds", *OTHER_START}))
+@pytest.mark.parametrize("name", sorted(set(ARMS) - {"llm_vs_grammar", *OTHER_START}))
 def test_generation_0_is_answered_alike_and_then_the_search_is_another(name: str, folder: Path) -> None:
     """Arms share every answer and fitness of generation 0, and then part, but for the one that only stops recording."""
     lines, recorder = searched(name, folder)

@@ -86,7 +86,6 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "training.learning_rate": [0.0, -1.0, NAN, INF],
     "training.seconds": [0.0, NAN, INF],
     "training.memory_mib": [63],
-    "training.seeds": [-1, 0, 2],
     "gate.max_parameters": [0],
     "gate.max_flops": [0],
     "gate.max_modules": [0],
@@ -128,7 +127,6 @@ POSSIBLE: dict[str, list[Any]] = {
     "prompts.pool": [None, 1],
     "proposals.mutation_probability": [0.0, 1.0],
     "training.epochs": [1],
-    "training.seeds": [1, 3],
     "executor.workers": [1],
     "llm.base_url": [None, "http://localhost", "https://me:secret@proxy.example:8443/a/v1/", "http://[::1]:8000"],
 }
@@ -250,7 +248,6 @@ DECIDES: dict[str, Any] = {
     "proposals.operator_for": "candidate",
     "proposals.skipped": 0.5,
     "training.fitness": "mean_of_3",
-    "training.seeds": 3,
     "numerics.kind": "fast",
 }
 
@@ -335,7 +332,6 @@ def test_identity_without_later_settings_is_golden() -> None:
     assert set(told["prompts"]) == {"policy"}
     assert set(told["proposals"]) == {"mutation_probability", "parents", "best"}
     assert not set(told["archive"]) & {"kind", "kept", "axes"}
-    assert "seeds" not in told["training"]
 
 
 @pytest.mark.parametrize("key", DECIDES_NOTHING)

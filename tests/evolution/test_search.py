@@ -29,7 +29,7 @@ from tacevo.storage.ledger import Ledger, read_lines
 
 def run(plan: Plan, path: Path | None = None, **changes: object) -> tuple[str, fakes.Recorder]:
     """Run a plan with losses that no seed changes; return its digest, and what an observer saw."""
-    return fakes.search(plan, path, **{"evaluate": fakes.evaluate, **changes})
+    return fakes.search(plan, path, **changes)
 
 
 def candidates(recorder: fakes.Recorder) -> list[CandidateLine]:
@@ -53,7 +53,6 @@ PLANS = {
     },
     "budget": replace(fakes.plan(generations=9), budget=BUDGET),
     "repairs": replace(fakes.plan(), repairs=2),
-    "seeds": replace(fakes.plan(), seeds=3),
     "skipped": replace(fakes.plan(generations=8), skipped=0.5),
 }
 
@@ -75,9 +74,9 @@ def test_run_killed_at_any_training_continues_to_the_same_bytes(name: str, step:
     """
     plan, whole, trainings = PLANS[name], tmp_path / "whole.jsonl", list[str]()
 
-    def counted(source: str, seed: int) -> Training | Rejection:
+    def counted(source: str) -> Training | Rejection:
         trainings.append(source)
-        return fakes.noisy(source, seed)
+        return fakes.evaluate(source)
 
     assert fakes.search(plan, whole, evaluate=counted)[0] == fakes.search(plan, whole)[0]
     for last in range(0, len(trainings), step):
@@ -125,7 +124,7 @@ def test_changed_evaluation_is_a_named_divergence(tmp_path: Path) -> None:
     path = tmp_path / "ledger.jsonl"
     run(fakes.plan(), path)
 
-    def drifting(source: str, seed: int) -> Training | Rejection:
+    def drifting(source: str) -> Training | Rejection:
         result = fakes.evaluate(source)
         return result if isinstance(result, Rejection) else replace(result, weights_sha256="2" * 64)
 
@@ -260,7 +259,7 @@ def test_outcomes_are_observed_before_their_line() -> None:
 def test_baseline_that_does_not_train_is_the_users_mistake() -> None:
     """A search cannot begin from nothing; the message says why the baseline failed."""
 
-    def failing(source: str, seed: int) -> Training | Rejection:
+    def failing(source: str) -> Training | Rejection:
         return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan in epoch 1")
 
     with refused(ConfigError, place="task fake", got="loss is nan in epoch 1"):

@@ -32,9 +32,9 @@ def _searched(plan: Plan, **changes: Any) -> tuple[list[CandidateLine], list[Gen
     """Search; return the lines of candidates and of generations, and the hashes of what was trained."""
     trained: list[str] = []
 
-    def spying(source: str, seed: int) -> Training | Rejection:
+    def spying(source: str) -> Training | Rejection:
         trained.append(source_hash(source))
-        return fakes.evaluate(source, seed)
+        return fakes.evaluate(source)
 
     _, recorder = fakes.search(plan, evaluate=spying, **changes)
     lines = [line for line in recorder.lines if isinstance(line, CandidateLine)]
@@ -116,8 +116,7 @@ def test_only_answers_of_the_model_are_skipped() -> None:
     _, recorder = fakes.search(PLAN)
     state = recorder.states[-1]
     jobs = (*propose(replace(state, generation=0), PLAN), *propose(state, PLAN))
-    effects = replace(fakes.effects(), evaluate=fakes.noisy)
-    outcomes = develop(jobs, effects, repairs=0, seeds=1, rule=PLAN.fitness, skips=lambda _: True)
+    outcomes = develop(jobs, fakes.effects(), repairs=0, skips=lambda _: True)
     kept = [outcome.proposal for outcome in outcomes if outcome.result is not None and outcome.admitted is not None]
     assert [job.request for job in kept] == [None]
 

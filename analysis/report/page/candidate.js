@@ -43,7 +43,6 @@ function factsOf(run, one) {
           ]
         : [];
     const fitness = one.fitness === null ? [] : [["Validation loss", number(one.fitness)]];
-    if (one.losses.length) fitness.push(["Of each seed", one.losses.map(number).join(", ")]);
     if (one.again.length) {
         const all = one.again.map(number).join(", ");
         fitness.push(["Trained again", `${number(d3.median(one.again))}, the median of ${all}`]);

@@ -176,19 +176,16 @@ def _bands(centres: NDArray[np.float64]) -> tuple[Corners, ...]:
 def _candidates(collection: Collection, texts: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the ledger line of every candidate, with what the page says beside it.
 
-    `losses` are the fitness of each training seed, where there are several; `again` that of further trainings with
-    other seeds; `point` the descriptors on the archive's axes, none where nothing was
-    measured. `changes` are the lines that it kept of each parent; `rejected` is the reason in words and the model's
-    answer.
+    `again` are the fitnesses of further trainings with other seeds; `point` the descriptors on the archive's axes, none
+    where nothing was measured. `changes` are the lines that it kept of each parent; `rejected` is the reason in words
+    and the model's answer.
     """
     run, again = collection.run, by_seeds(collection.reestimates)
     points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
     sources = {line.id: texts[line.id] for line in run.candidates if line.source is not None and line.id in texts}
-    rule = run.config.training.fitness
     return [
         to_json(line)
         | {
-            "losses": [rule.of(one.validation_losses) for one in line.seeds],
             "again": next((values for one in again if (values := one.estimates_of(line.id))), ()),
             "point": points.get(line.id, ()),
             "changes": _changes(line, sources),

@@ -134,8 +134,8 @@ def admit(completion: Completion, asked: str) -> Admitted | Rejection:
     return inspect(completion.text)
 
 
-def evaluate(source: str, seed: int = 0) -> Training | Rejection:
-    """Train by hashing; one in ten fails, with every seed."""
+def evaluate(source: str) -> Training | Rejection:
+    """Train by hashing; one in ten fails."""
     if number(source, 10) == 0:
         return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
     loss = (1 + number(source, 1_000)) / 1_000
@@ -152,7 +152,7 @@ def effects(llm: FakeLLM | None = None, executor: Executor | None = None) -> Eff
         inspect=inspect,
         measure=inspect,
         evaluate=evaluate,
-        evaluation_key=lambda source, seed: content_hash([source, seed] if seed else source),
+        evaluation_key=content_hash,
         executor=executor or ThreadPoolExecutor(1),
         cpu_seconds=lambda: 0.0,
     )
@@ -176,34 +176,23 @@ class Recorder:
         self.states.append(state)
 
 
-def noisy(source: str, seed: int) -> Training | Rejection:
-    """Train by hashing, each seed to another loss; one in ten fails with every seed, one in eight with seed 1."""
-    if seed == 1 and source != TASK.baseline and number(f"fails {source}", 8) == 0:
-        return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
-    result = evaluate(source)
-    if isinstance(result, Rejection):
-        return result
-    loss = (1 + number(f"{source} {seed}", 1_000)) / 1_000
-    return replace(result, validation_losses=(1.0, loss), weights_sha256=f"{seed:064}")
-
-
 def until_killed(trainings: int) -> Evaluate:
-    """Train as `noisy` does, with delays that differ, and end the search like Ctrl-C after so many trainings."""
+    """Train as `evaluate` does, with delays that differ, and end the search like Ctrl-C after so many trainings."""
     delays, left = random.Random(0), iter(range(trainings))  # the order of threads is not reproducible anyway
 
-    def train(source: str, seed: int) -> Training | Rejection:
+    def train(source: str) -> Training | Rejection:
         time.sleep(delays.random() / 500)
         if next(left, None) is None:
             raise KeyboardInterrupt
-        return noisy(source, seed)
+        return evaluate(source)
 
     return train
 
 
 def search(plan: Plan, path: Path | None = None, **changes: object) -> tuple[str, Recorder]:
-    """Search by losses that differ from seed to seed; return the digest, and what an observer saw."""
+    """Search; return the digest, and what an observer saw."""
     recorder = Recorder()
-    noisy_effects = replace(effects(), **{"evaluate": noisy, **changes})  # type: ignore[arg-type]
+    changed = replace(effects(), **changes)  # type: ignore[arg-type]
     with Ledger() if path is None else Ledger.open(path, line_kind) as ledger:
-        run_search(plan, noisy_effects, ledger, recorder)
+        run_search(plan, changed, ledger, recorder)
         return ledger.digest, recorder
