@@ -16,15 +16,16 @@ from typing import Any
 
 from benchmarks.synthetic import made_up, profile_of_baseline, synthetic_dataset, synthetic_setting
 from tacevo.cluster.cluster import Cluster
-from tacevo.cluster.facts import Order
 from tacevo.cluster.node import ClusterNode
 from tacevo.cluster.node_images import Images
 from tacevo.config.schema import RunConfig
+from tacevo.parts.executor import Order
 from tacevo.profile import Profile
 from tacevo.records import Json, Limits
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import record
 from tacevo.sandbox.client import Died, Finished, Score
+from tacevo.training.numerics import environment
 
 #: Seconds of a probe, which takes tens of milliseconds in a sandbox.
 _PROBE = 0.05
@@ -123,6 +124,7 @@ def measure(slots: int, candidates: int, generations: int, seconds: float, kind:
         order = SleepingOrder(
             entries={},
             equip=None,
+            environment=environment(config.numerics.kind),
             gpu=None,
             per_gpu=1,
             numerics=config.numerics.kind,

@@ -91,26 +91,8 @@ class SystemTurn(StrEnum):
 OPTIONAL_SAMPLING = ("stop_sequences", "thinking_tokens", "top_k", "top_p")
 
 
-class ArchiveKind(StrEnum):
-    """What the network archive keeps: the best of every niche (`cvt`), or the best of all (`best`).
-
-    `extract` keeps the best of every niche too, and trains elites again with other seeds (Extract-ME).
-    """
-
-    cvt = "cvt"
-    best = "best"
-    extract = "extract"
-
-
-class Axis(StrEnum):
-    """What an axis of the network archive measures."""
-
-    arch_div = "arch_div"
-    eff_ratio = "eff_ratio"
-
-
-#: The axes of the paper. A recorded run whose configuration names none has these, also if `Axis` grows.
-PAPER_AXES = (Axis.arch_div, Axis.eff_ratio)
+#: The axes of the paper. A recorded run whose configuration names none has these.
+PAPER_AXES = ("arch_div", "eff_ratio")
 
 
 class BoundsRule(StrEnum):
@@ -125,37 +107,6 @@ class Scale(StrEnum):
 
     linear = "linear"
     log = "log"
-
-
-class TemperatureRule(StrEnum):
-    """How the temperature moves from generation to generation."""
-
-    paper = "paper"
-    fixed = "fixed"
-    stall = "stall"
-
-
-class PromptPolicy(StrEnum):
-    """How instructions are drawn, and whether the prompt archive exists."""
-
-    uniform = "uniform"
-    curiosity = "curiosity"
-    #: By what each did to the loss of its children so far.
-    effect = "effect"
-    none = "none"
-
-
-class ParentPolicy(StrEnum):
-    """Who the parents are: elites, or in controls other trained candidates, the baseline, or nobody (`none`)."""
-
-    uniform = "uniform"
-    best = "best"
-    curiosity = "curiosity"
-    baseline = "baseline"
-    trained = "trained"
-    best_k = "best_k"
-    tournament = "tournament"
-    none = "none"
 
 
 class OperatorScope(StrEnum):

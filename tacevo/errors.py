@@ -2,6 +2,7 @@
 
     TacevoError
     ├── ConfigError          a setting the user wrote cannot be used (also a ValueError)
+    ├── PartError            a part that a user brought raised, hung, or decided what it may not
     ├── DataError            a data set is missing, broken or does not fit the task
     ├── StoreError           a store entry is damaged or of an unknown schema
     ├── RunError             a run directory cannot be used as asked
@@ -58,6 +59,10 @@ class TacevoError(Exception):
 
 class ConfigError(TacevoError, ValueError):
     """A setting cannot be used; the message names the key as the user wrote it."""
+
+
+class PartError(TacevoError):
+    """A part that a user brought is at fault; the message names the setting that chose it, and its method."""
 
 
 class DataError(TacevoError):

@@ -465,7 +465,7 @@ def to_json(record: Any) -> Any:
     if fields := _fields(record.__class__):
         values = {field.name: to_json(getattr(record, field.name)) for field in fields}
         for field in _later(record.__class__):
-            if getattr(record, field.name) == field.default:
+            if getattr(record, field.name) == default_of(field):
                 del values[field.name]
         return values
     if isinstance(record, StrEnum):
@@ -482,8 +482,13 @@ def written(record: Any) -> dict[str, Json]:
 
     So a field that came later leaves the bytes of older records as they are.
     """
-    values = ((field, getattr(record, field.name)) for field in dataclasses.fields(record))
-    return {field.name: _written(value) for field, value in values if field.name == "kind" or value != field.default}
+    values = {field.name: (getattr(record, field.name), default_of(field)) for field in dataclasses.fields(record)}
+    return {name: _written(value) for name, (value, default) in values.items() if name == "kind" or value != default}
+
+
+def default_of(field: dataclasses.Field[Any]) -> Any:
+    """Return the value of a field that is not given; `MISSING` of one that must be."""
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
 def _written(value: Any) -> Json:

@@ -60,13 +60,6 @@ def nearest(name: str, names: Iterable[str], otherwise: str, *, before: str = ""
     return f"did you mean {before}{close[0]}?" if close else otherwise
 
 
-def drawn(seeds: int, *, or_more: bool = False) -> str:
-    """Say what a fitness is: of a candidate that was trained with so many seeds, or with more where it was an elite."""
-    if or_more:
-        return f"the median of {seeds} or more draws"
-    return "one draw" if seeds == 1 else f"the median of {seeds} draws"
-
-
 def listed(words: Iterable[str], nothing: str = "none", *, most: int | None = None) -> str:
     """Write words one after the other, at most so many: `probe, train, ...`; without words, write `nothing`."""
     items = list(words)

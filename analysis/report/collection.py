@@ -272,7 +272,6 @@ def outcomes(run: RecordedRun, whole: Studies) -> dict[str, Table]:
             one.study,
             one.comparisons,
             again.get(one.name),
-            record=run.fitness_in_words,
             trivial=run.record.trivial,
             is_alone=is_alone(one.study, studies),
         )

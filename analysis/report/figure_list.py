@@ -28,7 +28,6 @@ from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.studies.reestimates import losses_by_source
 from analysis.tables.ablation import common_note, temperature_notes
-from tacevo.choices import PromptPolicy
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Kind
 from tacevo.results.run import RecordedRun
@@ -102,7 +101,7 @@ def run_pictures(
 
     `again` are further losses of a source, by its SHA-256, as of `beside_costs`.
     """
-    has_prompts = run.config.prompts.policy is not PromptPolicy.none
+    has_prompts = run.has_prompts
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
     generations = progress(run)
@@ -157,7 +156,7 @@ def undrawn(run: RecordedRun) -> tuple[str, ...]:
         said.append("no network_map: archive.kind=best keeps the best of all networks, and has no niches to draw")
     elif not _has_map(run):
         said.append(f"no network_map: archive.axes has {run.config.archive.axes[0]} only, and a map needs two axes")
-    if run.config.prompts.policy is PromptPolicy.none:
+    if not run.has_prompts:
         said.append("no prompt_map: prompts.policy=none keeps no prompt archive")
     return tuple(said)
 

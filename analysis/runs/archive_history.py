@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from analysis.runs.coverage_map import descriptors
 from tacevo.choices import BoundsRule
 from tacevo.evolution.archive import Archive, Elite, Individual, NetworkArchive, Tessellation, TopK
-from tacevo.evolution.reevaluation import Estimates
 from tacevo.results.run import RecordedRun
 
 
@@ -25,21 +24,12 @@ def archive_history(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[A
     arrivals = iter(descriptors(run).tolist())
     fixed = run.bounds if run.config.archive.bounds is BoundsRule.fixed else None
     archive = NetworkArchive(bounds=fixed, fixed=fixed is not None)
-    estimates, archives = Estimates(rule=run.config.training.fitness), []
+    archives = []
     for line in run.generations:
         for candidate in run.candidates:
             if candidate.generation == line.generation and candidate.fitness is not None:
-                fitness = candidate.fitness
-                if run.reevaluations:
-                    estimates = estimates.after(candidate)
-                    fitness = estimates.fitness(str(candidate.source))
-                elite = Elite(name=candidate.id, objective=-fitness)
+                elite = Elite(name=candidate.id, objective=-candidate.fitness)
                 archive, _, _ = archive.offer(niches, Individual(elite=elite, point=tuple(next(arrivals))))
-        for again in run.reevaluations:
-            if again.generation == line.generation:
-                estimates = estimates.after(again)
-                names = [one.id for one in run.trained if one.source == again.source and one.id in archive.history]
-                archive = archive.reestimated(niches, names, -estimates.fitness(str(again.source)))
         archives.append(archive.archive)
     return tuple(archives)
 

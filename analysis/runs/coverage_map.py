@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from tacevo.choices import Axis, BoundsRule, Scale
+from tacevo.choices import BoundsRule, Scale
 from tacevo.evolution.archive import Tessellation
 from tacevo.results.run import RecordedRun, descriptors_of
 from tacevo.rounding import rounded
@@ -15,7 +15,7 @@ from tacevo.rounding import rounded
 LATTICE = 200
 
 #: The names of the descriptors, short and in full.
-AXES = {Axis.arch_div: ("ArchDiv", "Architectural Diversity"), Axis.eff_ratio: ("EffRatio", "Efficiency Ratio")}
+AXES = {"arch_div": ("ArchDiv", "Architectural Diversity"), "eff_ratio": ("EffRatio", "Efficiency Ratio")}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,10 +60,10 @@ def descriptors(run: RecordedRun) -> NDArray[np.float64]:
     return np.array([descriptors_of(candidate, scale, axes) for candidate in run.trained]).reshape(-1, len(axes))
 
 
-def axis_label(axis: Axis, scale: Scale, logarithm: str = "log10") -> str:
+def axis_label(axis: str, scale: Scale, logarithm: str = "log10") -> str:
     """Return the label of an axis, of which the Efficiency Ratio's can be logarithmic."""
-    name = AXES[axis][1]
-    return f"{logarithm} {name}" if axis is Axis.eff_ratio and scale is Scale.log else name
+    name = AXES.get(axis, (axis, axis))[1]
+    return f"{logarithm} {name}" if axis == "eff_ratio" and scale is Scale.log else name
 
 
 def reachable(known: CoverageMap, centroids: NDArray[np.float64]) -> frozenset[int]:

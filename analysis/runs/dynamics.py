@@ -36,7 +36,7 @@ BANDS = 10
 #: What the ledger line of a generation says; losses are missing before anything was trained.
 _LINE = (
     {"temperature": "float64", "next_temperature": "float64", "candidates": "int64", "trained": "int64"}
-    | dict.fromkeys(("repaired", "reevaluated", "skipped"), "Int64")
+    | dict.fromkeys(("repaired", "skipped"), "Int64")
     | dict.fromkeys(("best", "generation_best", "generation_median"), "float64")
     | dict.fromkeys(("coverage", "qd_score", "prompt_coverage"), "float64")
 )
@@ -136,7 +136,7 @@ def improvement(run: RecordedRun) -> "pd.Series[Any]":
 
     Returns:
         By name; empty where it lacks a trained baseline, as no fold of a search does. Losses: `baseline`; `first`, the
-        best of generation 0 as the search knew it at its end; `last`, the best of the last generation. Parts of the
+        best of generation 0; `last`, the best of the last generation. Parts of the
         first two that are gone at the end, 0 where they are 0 already: `over_first`, `over_baseline`. `settled`: the
         first generation from which on it had `MOST` of the whole improvement over `first`; None without any. `by_7`,
         `by_10`: the part of it that each of `PUBLISHED_GENERATIONS` brought, as far as the run reached it. `trainable`:
@@ -144,15 +144,11 @@ def improvement(run: RecordedRun) -> "pd.Series[Any]":
         occupied part of the niches at the end. `new_quartile`, `new_median`: fitness of the new candidates.
     """
     bests = [(line.generation, line.best) for line in run.generations if line.best is not None]
-    known = run.fitness
-    baseline = known.get(run.baseline.id)
+    baseline = run.baseline.fitness
     if baseline is None or not bests:
         return pd.Series(dtype="object")
     first, last = bests[0][1], bests[-1][1]
-    if run.reevaluations:  # the best that was recorded when generation 0 closed was one draw; this is known at the end
-        first = min(known[line.id] for line in run.candidates if line.generation == 0 and line.id in known)
     gained = {generation: (first - best) / (first - last) for generation, best in bests if first > last}
-    # Where elites are trained again, the best may rise: what counts is from when on it stayed.
     before = max((generation for generation, share in gained.items() if share < MOST), default=-1)
     later = [line for line in run.generations if line.generation > 0]
     facts = {
@@ -209,13 +205,10 @@ def _productivity(asked: Iterable[tuple[str, Sequence[CandidateLine]]]) -> pd.Da
 
 
 def spent_on_training(run: RecordedRun) -> int:
-    """Return the FLOPs of a search's trainings, as its budget counts them, and of its further trainings."""
+    """Return the FLOPs of a search's trainings, as its budget counts them."""
     trained = trained_networks(run.trained)
-    flops = dict(trained)
-    again = [line for line in run.reevaluations if line.fitness is not None]
-    trained += [(f"{line.source} with seed {line.seed}", flops[str(line.source)]) for line in again]
     images, epochs = run.facts.counts[0], run.config.training.epochs
-    return training_flops(trained, images=images, epochs=epochs, seeds=run.seeds)
+    return training_flops(trained, images=images, epochs=epochs)
 
 
 def spending(run: RecordedRun, slots: Iterable[CandidateLine]) -> Spending | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import AXES, CoverageMap, coverage_map, effective_niches, fullest_tenth, reachable
 from analysis.runs.dynamics import by_prompt, mutations, progress, repeats
-from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
+from tacevo.choices import BoundsRule, Scale
 from tacevo.evolution.lines import TEMPERATURE, gate_stages
 from tacevo.results.copies import copies
 from tacevo.results.run import RecordedRun, descriptors_of
@@ -124,9 +124,9 @@ def _of_descriptors(run: RecordedRun, placed: CoverageMap) -> Iterator[Alarm]:
             yield from _of_axis(run, axis, values)
 
 
-def _of_axis(run: RecordedRun, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alarm]:
+def _of_axis(run: RecordedRun, axis: str, values: NDArray[np.float64]) -> Iterator[Alarm]:
     """Look at how the candidates lie along an axis; `values`, shape (candidates,), are normalised."""
-    name = AXES[axis][0]
+    name = AXES.get(axis, (axis, axis))[0]
     low, high = np.quantile(values, _MIDDLE)
     extent, share = float(high - low), fullest_tenth(values, (0.0, 1.0))
     if extent < NARROW:
@@ -146,16 +146,18 @@ def _of_axis(run: RecordedRun, axis: Axis, values: NDArray[np.float64]) -> Itera
         )
 
 
-def _remedy(run: RecordedRun, axis: Axis) -> tuple[str, dict[str, float]]:
+def _remedy(run: RecordedRun, axis: str) -> tuple[str, dict[str, float]]:
     """Return what would spread the candidates along an axis; for a logarithm, with the share that remains then."""
     settings = run.config.archive
     adaptive = settings.bounds is BoundsRule.adaptive  # a fixed lower bound of 0 has no logarithm
-    if adaptive and axis is Axis.eff_ratio and settings.eff_ratio_scale is Scale.linear:
+    if adaptive and axis == "eff_ratio" and settings.eff_ratio_scale is Scale.linear:
         logarithms = np.array([descriptors_of(candidate, Scale.log)[1] for candidate in run.trained])
         after = fullest_tenth(logarithms, (logarithms.min(), logarithms.max()))
         if after <= CONCENTRATED:
             words = f"under archive.eff_ratio_scale=log the fullest tenth would hold {100 * after:.0f} %"
             return words, {"share under log": after}
+    if axis not in AXES:
+        return "another axis would spread them", {}
     return f"archive.bounds=fixed with narrower archive.{axis}_bounds would spread them", {}
 
 
@@ -238,15 +240,13 @@ def _of_temperature(run: RecordedRun) -> Iterator[Alarm]:
             figures={"requests": missed},
         )
         return
-    if run.config.temperature.rule is TemperatureRule.fixed:
+    if run.config.temperature.rule == "fixed":
         return
-    only_rises = not run.config.archive.reevaluations(run.config.search.candidates)
-    rule = "; the paper's own rule can only raise it (docs/paper.md)" if only_rises else ""
     for limit, count in Counter(line.temperature for line in run.generations if line.temperature in (0, 1)).items():
         if count >= STUCK and run.generations[-1].temperature == limit:
             yield Alarm(
                 name="stuck temperature",
                 sentence=f"The temperature ended at its limit of {limit:g} and was there for {count} generations"
-                f"{rule}.",
+                "; the paper's own rule can only raise it (docs/paper.md).",
                 figures={"limit": limit, "generations": count},
             )

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
+from tacevo.config.deciding import centroids_asked, decision
 from tacevo.config.schema import ArchiveConfig
 from tacevo.errors import RunError, StoreError
 from tacevo.evolution.archive import find_centroids
@@ -39,7 +40,11 @@ def load_niches(run: RecordedRun) -> Niches:
         StoreError: the store's entry is damaged.
     """
     root, archive = run.stores, run.config.archive
-    networks = _centroids(root, archive, archive.niches, len(archive.axes)) if run.has_niches else []
+    networks: list[list[float]] = []
+    if archive.kind in run.config.code:
+        networks = _decided(run)
+    elif run.has_niches:
+        networks = _centroids(root, archive, archive.niches, len(archive.axes))
     prompts = _centroids(root, archive, archive.prompt_niches, 2)
     if content_hash([networks, prompts]) != run.header.centroids:
         raise RunError(
@@ -89,6 +94,16 @@ def _centroids(root: Path, archive: ArchiveConfig, niches: int, dimensions: int)
     if stored is None:
         return find_centroids(**shape)
     return convert(list[list[float]], stored, place="centroids", error=StoreError)
+
+
+def _decided(run: RecordedRun) -> list[list[float]]:
+    """Read the centroids that a part decided which the run's user brought; nothing of it runs."""
+    config = run.config
+    name = config.archive.kind
+    method, given = centroids_asked(config)
+    question = decision(config.code[name].sha256, config.parts.get(name, {}), method, given)
+    stored = Store(run.stores, "decisions").read(question)
+    return convert(list[list[float]], stored or [], place="centroids", error=StoreError)
 
 
 def _in_order(corners: Polygon, centre: NDArray[np.float64]) -> Polygon:

@@ -3,17 +3,14 @@
 A fitness is a validation loss, so it is lower-is-better, as a cost is.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
 from analysis.statistics.pareto import front, hypervolume
-from tacevo.evolution.reevaluation import estimates_of
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import rounded
-from tacevo.text import drawn
 
 #: The columns of a frame of trained candidates, whose index is `id`, and the type of each: the fitness, what it is in
 #: words, and how many trainings it is the median of; the costs.
@@ -22,6 +19,9 @@ PARETO = {"fitness": "float64", "estimate": "str", "draws": "Int64", "parameters
 #: What stands in `estimate` where a study or a noise run gave the fitness.
 REESTIMATED = "re-estimated"
 
+#: What stands there elsewhere: the search trained a candidate once.
+ONE_DRAW = "one draw"
+
 
 def reference_point(run: RecordedRun) -> tuple[float, int] | None:
     """Return the reference point of a run's hypervolume, in loss and FLOPs; None where the baseline has no fitness.
@@ -29,19 +29,19 @@ def reference_point(run: RecordedRun) -> tuple[float, int] | None:
     It is the baseline's fitness, and the most FLOPs of any trained candidate: a network that is not better than the
     baseline counts for nothing.
     """
-    baseline = run.fitness.get(run.baseline.id) if run.trained else None
+    baseline = run.baseline.fitness if run.trained else None
     return None if not baseline else (baseline, max(line.flops or 0 for line in run.trained))
 
 
 def hypervolumes(run: RecordedRun) -> list[float | None]:
     """Return the hypervolume in loss and FLOPs of all that had been trained after each generation, in [0, 1].
 
-    A fitness is what the search knew at its end, so it never falls. None without a reference point.
+    It never falls. None without a reference point.
     """
-    known, reference = run.fitness, reference_point(run)
+    reference = reference_point(run)
     if reference is None:
         return [None] * len(run.generations)
-    points = [(line.generation, known[line.id], line.flops or 0) for line in run.trained if line.id in known]
+    points = [(line.generation, run.fitness[line.id], line.flops or 0) for line in run.trained]
     return [
         hypervolume([point for born, *point in points if born <= line.generation], reference)
         for line in run.generations
@@ -52,19 +52,14 @@ def beside_costs(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> pd.D
     """Return a row for each trained candidate (`PARETO`), in the order of the ledger.
 
     `again` are losses of a source, by its SHA-256, under seeds by which the search did not choose it. Their median is
-    the fitness; any other is what the search knew at its end.
+    the fitness; any other is the recorded one.
     """
-    lines, known = (*run.candidates, *run.reevaluations), run.fitness
-    losses = estimates_of(lines, run.config.training.fitness).losses
     rows = {}
     for line in run.trained:
-        source = str(line.source)
-        values = again.get(source, ())
-        fitness = rounded(float(np.median(values))) if values else known.get(line.id, math.inf)
-        if math.isfinite(fitness):
-            draws = len(values or losses[source])
-            words = REESTIMATED if values else drawn(draws)
-            rows[line.id] = (fitness, words, draws, line.parameters, line.flops)
+        values = again.get(str(line.source), ())
+        fitness = rounded(float(np.median(values))) if values else line.fitness
+        words = REESTIMATED if values else ONE_DRAW
+        rows[line.id] = (fitness, words, len(values) or 1, line.parameters, line.flops)
     index = pd.Index(list(rows), name="id", dtype="str")
     return pd.DataFrame(list(rows.values()), index=index, columns=list(PARETO)).astype(PARETO)
 

@@ -5,30 +5,36 @@ from numpy.typing import NDArray
 
 from tacevo.evolution.archive import Tessellation
 from tacevo.evolution.prompts import prompt_point
-from tacevo.evolution.proposals import next_temperature
+from tacevo.evolution.temperatures import clip
+from tacevo.parts import Generation
+from tacevo.parts.kinds import TEMPERATURES
+from tacevo.parts.registry import of_settings
 from tacevo.results.run import RecordedRun
 
 
 def reachable_temperatures(run: RecordedRun) -> frozenset[float]:
     """Return every T_g that a trial of the run could have had, with any fitness that its generations found.
 
-    A generation brings a better best or the same; where elites are trained again, it can also be worse. Trials begin
-    with generation 1, at T_1; the noise of a request does not enter the prompt archive.
+    A generation brings a better best or the same. Trials begin with generation 1, at T_1; the noise of a request does
+    not enter the prompt archive. Of a rule that a user brought, nobody knows what else it could have said: these are
+    the temperatures that it had.
     """
     settings = run.config.temperature
-    bests = [0.5, 1.0]
-    if run.config.archive.reevaluations(run.config.search.candidates):
-        bests.append(1.5)
+    if settings.rule not in TEMPERATURES.ours:
+        return frozenset(line.temperature for line in run.generations[1:])
+    rule = of_settings(TEMPERATURES, settings.rule, settings)
     reached: set[float] = set()
     current = {settings.start}
     for _ in range(run.generations[-1].generation):
         reached |= current
-        current = {
-            next_temperature(settings.rule, before, best=best, best_before=1.0, step=settings.step)
-            for before in current
-            for best in bests
-        }
+        current = {clip(rule.next(_ended(before, best))) for before in current for best in (0.5, 1.0)}
     return frozenset(reached)
+
+
+def _ended(temperature: float, best: float) -> Generation:
+    """Return a generation that found this best after one of 1."""
+    counts = {"candidates": 1, "trained": 1, "inserted": 1}
+    return Generation(number=1, temperature=temperature, best=best, best_before=1.0, **counts)
 
 
 def reachable_prompt_niches(run: RecordedRun, centroids: NDArray[np.float64]) -> frozenset[int]:

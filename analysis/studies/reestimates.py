@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.statistics.seed_noise import agreement, icc, noise, rankings, worth
 from analysis.table import Between
-from tacevo.choices import ArchiveKind, FitnessRule
+from tacevo.choices import FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, RunError
 from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
@@ -23,7 +23,7 @@ from tacevo.results.study_directory import FinishedStudy
 from tacevo.results.study_lines import FailedLine, ScoreLine, StudyHeader, StudyNetwork
 from tacevo.storage.store import place_of, read_entry
 from tacevo.storage.verdicts import read_verdict
-from tacevo.text import counted, drawn
+from tacevo.text import counted
 from tacevo.training.full import FullTraining
 
 
@@ -46,8 +46,6 @@ class Reestimates:
     worth: pd.DataFrame | None = None
     #: The others, with which some seed failed; never the baseline.
     failed: tuple[StudyNetwork, ...] = ()
-    #: What the recorded fitness of a network is, in words.
-    record: str = drawn(1)
     #: What a fitness is of the losses of its training.
     rule: FitnessRule = FitnessRule.last
     #: Whether they were looked up in a table, which has no more seeds than were recorded.
@@ -168,7 +166,6 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
         rankings=ranked,
         worth=by_rule,
         failed=tuple(network for network in header.networks if network.name in failed),
-        record=drawn(config.training.seeds, or_more=config.archive.kind is ArchiveKind.extract),
         looked_up=config.data.facts.is_looked_up,
     )
 

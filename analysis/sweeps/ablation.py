@@ -212,7 +212,7 @@ def _values(job: FinishedJob) -> dict[Metric, float | None]:
         Metric.improvement_over_baseline: _rounded(gains.get("over_baseline")),
         Metric.trainable: _rounded(gains.get("trainable")),
         Metric.candidates: len(run.candidates),
-        Metric.evaluations: run.seeds * len({one.evaluation for one in (*run.candidates, *run.reevaluations)} - {None}),
+        Metric.evaluations: len({one.evaluation for one in run.candidates} - {None}),
         Metric.training_flops: rounded(spent_on_training(run) / 1e12),
         Metric.tokens: None if spent is None else spent.tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),

@@ -207,8 +207,8 @@ def _distinct_runs(pilots: Sequence[RecordedSweep]) -> list[tuple[RecordedSweep,
 
 def _epochs(run: RecordedRun) -> int:
     """Return the epochs of all trainings of a search, further ones of elites and failed ones included."""
-    trainings = {line.evaluation for line in (*run.candidates, *run.reevaluations)} - {None}
-    return len(trainings) * run.seeds * run.config.training.epochs
+    trainings = {line.evaluation for line in run.candidates} - {None}
+    return len(trainings) * run.config.training.epochs
 
 
 def _scaled(values: ArrayLike, metric: Measure) -> NDArray[np.float64]:
@@ -254,7 +254,7 @@ def _seconds(runs: Sequence[RecordedRun]) -> float | None:
     A candidate's time is that of its gate and of its trainings with all seeds.
     """
     seconds = [
-        timing.seconds / (run.config.training.epochs * run.seeds)
+        timing.seconds / run.config.training.epochs
         for run in runs
         for timing in RunDirectory(run.path).read_timings()
         if timing.seconds is not None and timing.id in {one.id for one in run.trained} and timing.seconds > RECALLED

@@ -335,13 +335,10 @@ def _rank_note(sweep: RecordedSweep, ablation: Ablation, metric: Metric) -> list
         return _primary_note(sweep, ablation)
     words = f"Secondary metric; the primary one is {ablation.primary.value}."
     if metric is Metric.best_fitness:
-        records = dict.fromkeys(one.run.fitness_in_words for one in sweep.finished)
         words += (
-            f" The lowest of many fitnesses is a noisy minimum: each is {' or '.join(records)}, so an arm that draws "
+            " The lowest of many fitnesses is a noisy minimum: each is one draw, so an arm that draws "
             "more often may have a lower one for that reason alone."
         )
-        if len(records) > 1:
-            words += " Arms differ in this, so it compares kinds of fitness as much as networks; test scores do not."
     return [words]
 
 

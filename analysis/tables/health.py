@@ -10,7 +10,6 @@ from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches, reachable_temperatures
 from analysis.table import Cell, Percent, Table, percent
-from tacevo.choices import PromptPolicy
 from tacevo.results.run import RecordedRun
 from tacevo.text import counted
 
@@ -46,7 +45,7 @@ def niches_table(run: RecordedRun, niches: Niches) -> Table:
             "Effective: exp of the entropy of the trained candidates over the niches; so many equally full niches "
             "would be as uneven. Lost: niches that emptied as bounds moved, less those that filled so.",
         ]
-    if run.config.prompts.policy is not PromptPolicy.none:
+    if run.has_prompts:
         reached = len(reachable_prompt_niches(run, niches.prompts))
         rows.append(("prompts", *_filled(len(run.prompt_trials), reached, len(niches.prompts)), None, None))
         notes.append(_reach(run))

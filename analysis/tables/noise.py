@@ -8,7 +8,7 @@ from analysis.studies.reestimates import Reestimates
 from analysis.table import Between, Percent, Table
 from analysis.tables.dynamics import TRIVIAL_LOSS
 from tacevo.evolution.chance import chance_in_words, is_at_chance
-from tacevo.text import counted, drawn
+from tacevo.text import counted
 
 #: The column of the chances to beat the baseline.
 BEATS = (Between, "beats", "beats_low", "beats_high")
@@ -27,9 +27,8 @@ def noise_tables(again: Reestimates, task: str, trivial: float | None) -> tuple[
 def noise_table(again: Reestimates, task: str, trivial: float | None) -> Table:
     """Show the recorded fitness of each network beside what other training seeds give, and the trivial loss."""
     seeds = counted(again.seeds, "other training seed")
-    frame = again.noise if again.record == drawn(1) else again.noise.assign(expected=None)  # the ICC is of one training
     return Table.of(
-        frame,
+        again.noise,
         {"network": "network", "candidate": "candidate", "recorded fitness": "recorded"}
         | {"re-estimated, median": "median", "least": "least", "most": "most"}
         | {"seeds as low as recorded": "as_low", "recorded less re-estimated": "optimism"}
@@ -40,7 +39,7 @@ def noise_table(again: Reestimates, task: str, trivial: float | None) -> Table:
         notes=(
             *chance_note(again, trivial),
             f"Fitness: {again.fitness}, lower is better. The recorded one "
-            f"is {again.record}, by which the search chose; the others decided nothing in it.",
+            "is one draw, by which the search chose; the others decided nothing in it.",
             "Recorded less re-estimated: below 0 the record flatters the network.",
             *_failed_note(again),
             _icc_note(again),
@@ -76,7 +75,7 @@ def corrected_table(archives: pd.DataFrame, again: Reestimates, task: str) -> Ta
             ("whose it is", before.best_id, after.best_id),
         ),
         notes=(
-            f"A recorded fitness is {again.record}. Where it is one draw, each niche holds the luckiest of its "
+            "A recorded fitness is one draw. Where it is one draw, each niche holds the luckiest of its "
             "candidates, and the figures grow with the noise (an illusory archive, Flageat and Cully 2023). Corrected "
             f"is what is left of it by {seeds}; its best is still the lowest of many medians. Candidates that lost to "
             "an elite were not trained again, so a better archive may lie in the run.",
@@ -140,8 +139,6 @@ def _icc_note(again: Reestimates) -> str:
     expected = (
         "Expected by regression: what another seed typically gives (a geometric mean), by that ICC, to a network with "
         "this recorded fitness; below 0 it counts as 0, because no difference between networks was seen."
-        if again.record == drawn(1)
-        else f"Nothing is expected by regression, because a recorded fitness is {again.record} here."
     )
     return (
         f"ICC(1), the part of the variance of one training's loss that is the network's: {part} "

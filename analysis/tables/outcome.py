@@ -37,7 +37,6 @@ def study_outcome(
     comparisons: pd.DataFrame | None,
     again: Reestimates | None,
     *,
-    record: str,
     is_alone: bool,
     trivial: float | None,
 ) -> Table:
@@ -47,14 +46,13 @@ def study_outcome(
         study: what was tested.
         comparisons: the comparisons; None where there are none.
         again: the re-estimates of the recorded fitnesses; None where the study gives none.
-        record: what a recorded fitness is, in words.
         is_alone: whether its networks were studied on these data only.
         trivial: the trivial loss of the run's validation images; None where it is not known.
     """
     rows = [_row(study, network, comparisons, again) for network in study.networks]
     names = {
         "test": f"test {metric_name(study.primary)}{_ends(study.seeds)}",
-        "fitness": f"fitness, {record}",
+        "fitness": "fitness, one draw",
         "verdict": "verdict (p)",
         "again": "re-estimated",
     }
@@ -116,7 +114,7 @@ def noise_outcome(again: Reestimates, task: str, trivial: float | None) -> Table
     finding = _finding(again)
     return Table.of(
         listed_ones,
-        {"network": "network", "id": "candidate", f"fitness, {again.record}": "recorded", "re-estimated": "median"}
+        {"network": "network", "id": "candidate", "fitness, one draw": "recorded", "re-estimated": "median"}
         | {"least": "least", "most": "most", f"chance to beat the baseline [{100 * LEVEL:g} %]": BEATS},
         name="outcome",
         caption=trained if finding is None else finding,
@@ -216,7 +214,7 @@ def _fitness(again: Reestimates | None) -> str:
     if again is None:
         return "The fitness is not re-estimated here; tacevo noise RUN does that, and tacevo show RUN prints it."
     seeds = counted(again.seeds, "other seed")
-    return f"Fitness: {again.fitness}; the record is {again.record}, the re-estimate a median of {seeds}."
+    return f"Fitness: {again.fitness}; the record is one draw, the re-estimate a median of {seeds}."
 
 
 def _left_out(again: Reestimates, unlisted: int) -> tuple[str, ...]:

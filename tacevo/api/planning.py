@@ -50,7 +50,8 @@ def plan(
         comparisons: variants, or arms beside the reference; as many as the pilot has if None.
         power: wished chance of finding it, in (0, 1).
         alpha: level of the tests, in (0, 1).
-        output: the directory to write plan.json into, for `plan=` of a study and `--plan` of a sweep.
+        output: the directory to write plan.json into, for `plan=` of a study and `--plan` of a sweep; nothing is
+            written where no number of seeds that is tried suffices.
 
     Returns:
         A row a way; `plan` says `chosen` of the cheapest, unless no number of seeds that is tried suffices.
@@ -67,8 +68,8 @@ def plan(
     if comparisons is not None and comparisons < 1:
         raise ConfigError(str(comparisons), place="comparisons", expected="an integer of at least 1")
     planned = planned_from(kind, pilots, effect=effect, comparisons=comparisons, power=power, alpha=alpha)
-    if output is not None:
-        write_plan(planned, Path(output))
+    if output is not None and planned.plan is not None:
+        write_plan(planned.plan, Path(output))
     return Table(plan_table(planned))
 
 
@@ -89,13 +90,10 @@ def planned_from(
     return weigh(pilot, Wish(effect=effect, alpha=alpha, power=power, comparisons=comparisons or pilot.comparisons))
 
 
-def write_plan(planned: Planned, directory: Path) -> SeedPlan | None:
-    """Write plan.json into a directory; remove it where nothing suffices, else a study would follow the last wish."""
-    if planned.plan is None:
-        (directory / "plan.json").unlink(missing_ok=True)
-        return None
+def write_plan(plan: SeedPlan, directory: Path) -> SeedPlan:
+    """Write plan.json into a directory; return the plan with its day."""
     directory.mkdir(parents=True, exist_ok=True)
-    made = replace(planned.plan, made=datetime.now(UTC).date().isoformat())
+    made = replace(plan, made=datetime.now(UTC).date().isoformat())
     write_durably(directory / "plan.json", plan_text(made))
     return made
 

@@ -251,10 +251,12 @@ class Run:
         """Why studies of the run, or their comparisons or re-estimates, are not shown, a sentence each."""
         return (*self.collection.left_out, *self.collection.remarks)
 
-    def replay(self, *, quiet: bool = False) -> str:
+    def replay(self, *, trust_parts: bool = False, quiet: bool = False) -> str:
         """Run the search and its studies again from their stores, without model or training; compare every line.
 
-        Of a bundle, everything that its records give is compared: tables, summary, the use of every store entry.
+        Of a bundle, everything that its records give is compared: tables, summary, the use of every store entry. What
+        parts decided that its user brought is recalled; with `trust_parts`, their recorded sources decide again, in
+        confined processes, and are compared.
 
         Returns:
             The digest.
@@ -265,7 +267,7 @@ class Run:
             BundleError: the records of a bundle do not suit each other.
         """
         with progress(quiet) as view:
-            return digest_of(self.place, replay(self.place, self.recorded.config.store.root, view))
+            return digest_of(self.place, replay(self.place, self.recorded.config.store.root, view, trusts=trust_parts))
 
     def forget(self) -> None:
         """Read its studies again when they are next asked for: one was made."""

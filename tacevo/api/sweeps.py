@@ -150,11 +150,11 @@ class Sweep:
         pictures = sweep_pictures(self.collection())
         return Named({picture.name: picture.draw for picture in pictures}, "sweep.figures")
 
-    def replay(self, *, quiet: bool = False) -> str:
+    def replay(self, *, trust_parts: bool = False, quiet: bool = False) -> str:
         """Run every search and study again, as `Run.replay`; return the digest of the sweep."""
         place = self.place if self.place.digest is not None else located(self.place.folder)
         with progress(quiet) as view:
-            return digest_of(place, replay(place, self.store, view))
+            return digest_of(place, replay(place, self.store, view, trusts=trust_parts))
 
     def collection(self, reference: str | None = None) -> SweepCollection:
         """As records: its runs, the archive that measures them, their comparison with the reference.

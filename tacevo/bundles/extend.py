@@ -27,7 +27,7 @@ from tacevo.runs.session import Result, needed_llm, record
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.listing import take_in
 from tacevo.storage.store import read_entry
-from tacevo.text import counted
+from tacevo.text import counted, listed
 
 #: Groups that say where and how safely a run is computed and written; in a published run they are another machine's.
 _HERE = ("store", "run", "tracking", "executor", "sandbox")
@@ -36,7 +36,9 @@ _HERE = ("store", "run", "tracking", "executor", "sandbox")
 Check = Callable[[Opened], Collection[Path]]
 
 
-def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, check: Check) -> Result:
+def extend_run(
+    published: Opened, overrides: Sequence[str], view: Progress, *, check: Check, trusts: bool = False
+) -> Result:
     """Continue a finished run in a new run directory.
 
     Args:
@@ -44,6 +46,7 @@ def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, c
         overrides: settings as `tacevo search` takes them, among them `search.generations`.
         view: shows how far the search is.
         check: raises if the published run is not as it should be.
+        trusts: whether parts of the run, which a user brought, may decide on this machine, confined.
 
     Raises:
         ConfigError: an override would make it another run, or not a longer one; or its networks were given.
@@ -64,6 +67,13 @@ def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, c
             expected="a run that searches",
             remedy="`tacevo search` searches the task; `tacevo study networks=` studies more networks",
         )
+    if recorded.config.code and not trusts:
+        raise ConfigError(
+            f"a run in which {listed(recorded.config.code)} decides, a part that its user brought",
+            place=str(run),
+            expected="a run whose parts are all of tacevo",
+            remedy="read its sources below parts/; --trust-parts lets them decide here, in a confined process",
+        )
     config = continued(recorded.with_data, overrides, end=end, spent=recorded.training_flops)
     _check_rules(recorded.rules)
     if not any(override.startswith("data.root=") for override in overrides):
@@ -82,7 +92,7 @@ def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, c
     written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))
     lines = counted(len(recorded.ledger.lines), "ledger line")
     view.say(f"{lines} replayed; {written} of {len(read)} store entries were new here")
-    return record(config, recorded.record.task, data, view, begun=recorded.ledger, llm=llm)
+    return record(config, recorded.record.task, data, view, begun=recorded.ledger, llm=llm, parts_of=run)
 
 
 def _check_rules(rules: Rules) -> None:

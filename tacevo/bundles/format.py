@@ -16,7 +16,7 @@ from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError
 from tacevo.storage.entries import CANDIDATES, ReadBudget, unpack_in_memory
 from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.run_directory import MANIFEST
+from tacevo.storage.run_directory import MANIFEST, PARTS
 from tacevo.storage.store import Entry
 from tacevo.storage.zipfiles import LONGEST_NAME, packed, read_members
 
@@ -48,6 +48,9 @@ _ALWAYS = {MANIFEST, STORE, *PAPERS}
 
 _WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 
+#: Of a part, of its packages and modules.
+_NAME = r"[A-Za-z_][A-Za-z0-9_-]*"
+
 _CANDIDATE = r"g[0-9]+s[0-9]+\.(py|rejected\.txt)"
 
 #: The name of every member: those of one run lie in `run`, those of a sweep's runs in the directories of its jobs.
@@ -56,7 +59,8 @@ _PLACES = re.compile(
     + rf"|(run|{SWEEP}/(?!sweep\.json/|{re.escape(NOTE)}/){_WORD})/("
     + "|".join(map(re.escape, RUN_FILES))
     + rf"|candidates/{_CANDIDATE}"
-    + rf"|studies/{_WORD}/(study\.json|scores\.jsonl))"
+    + rf"|studies/{_WORD}/(study\.json|scores\.jsonl)"
+    + rf"|{PARTS}/{_NAME}/({_NAME}/)*{_NAME}\.py)"
     + rf"|tables/(more/)?({_WORD}/)?{_WORD}\.(csv|md|tex)"
     + rf"|figures/({_WORD}/)?{_WORD}\.pdf"
 )

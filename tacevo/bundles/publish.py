@@ -34,7 +34,7 @@ from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.members import Member, as_tree
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.run_directory import MANIFEST, RunDirectory, RunRecord, run_text, timing_text
+from tacevo.storage.run_directory import MANIFEST, PARTS, RunDirectory, RunRecord, run_text, timing_text
 from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.storage.zipfiles import names_in
@@ -177,6 +177,8 @@ def _stage(run: RecordedRun, studies: Iterable[StudyDirectory]) -> dict[str, byt
     directory, record = run.directory, _publishable(run.record)
     source = directory.path
     paths = [*source.glob("candidates/*"), *(source / name for name in RUN_FILES if name != NOTE)]
+    for name in run.config.code:
+        paths += [source / PARTS / name / file for file in directory.read_part(name) or ()]
     known = list(studies)
     paths += [study.path / "scores.jsonl" for study in known]
     files = {path.relative_to(source).as_posix(): path.read_bytes() for path in paths if path.exists()}

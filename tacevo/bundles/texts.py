@@ -13,6 +13,7 @@ import yaml
 
 from tacevo.bundles.readme import yaml_text
 from tacevo.config.plain import from_plain
+from tacevo.config.removed import with_removed
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import BundleError
 from tacevo.evolution.run_files import NETWORKS, PROMPTS, read_archive_files
@@ -38,7 +39,7 @@ def check_texts(run: RecordedRun, studies: Iterable[FinishedStudy]) -> None:
     _compare(run.directory.ledger, sealed_text(run.ledger.lines)[0])
     for name, file in zip((NETWORKS, PROMPTS), read_archive_files(run.directory), strict=True):
         _compare(folder / name, readable(written(file)))
-    config = to_json(from_plain(run.record.config))
+    config = with_removed(to_json(from_plain(run.record.config)), run.record.config)
     _compare(folder / "run.json", _as_written({**to_json(run.record), "config": config}, folder / "run.json"))
     _check_timings(folder / "timings.jsonl")
     for study in studies:

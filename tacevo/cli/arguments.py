@@ -191,11 +191,12 @@ def add_plan(parser: Parser) -> None:
 def add_tabulate(parser: Parser) -> None:
     """Describe `tacevo tabulate`."""
     parser.description = (
-        "Probe every network of a closed space (llm.space) and train it fully with training.seeds seeds for "
-        "training.epochs epochs; write all of it into one file, for searches with data=table. The same command "
+        "Probe every network of a closed space (llm.space) and train it fully, for training.epochs epochs with "
+        "each of some seeds; write all of it into one file, for searches with data=table. The same command "
         "continues a stopped one."
     )
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
+    parser.add_argument("--seeds", type=whole_number, default=1, metavar="N", help="trainings of each network (1)")
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="the file to write, such as table.zip")
     add_config_dir(parser)
     parser.set_defaults(command=_later("tabulate", "tabulate"))
@@ -229,6 +230,15 @@ def _part(text: str) -> float:
     raise argparse.ArgumentTypeError(f"expected a number between 0 and 1, such as 0.1 for 10 %; got {text}")
 
 
+def add_trust(parser: Parser) -> None:
+    """Add the option that lets a run's own parts decide."""
+    parser.add_argument(
+        "--trust-parts",
+        action="store_true",
+        help="let parts that the run's user brought decide again, by their recorded sources in confined processes",
+    )
+
+
 def add_replay(parser: Parser) -> None:
     """Describe `tacevo replay`."""
     parser.description = (
@@ -256,6 +266,7 @@ def add_replay(parser: Parser) -> None:
         help="then train the candidates again and compare every bit; with N the best network, the networks of studies, "
         "and N others that are drawn at random",
     )
+    add_trust(parser)
     parser.add_argument(
         "--draw", type=whole_number, metavar="SEED", help="draw the N as an earlier replay did, which told its seed"
     )
@@ -294,6 +305,7 @@ def add_extend(parser: Parser) -> None:
         "overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; a larger search.generations is needed"
     )
     parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")
+    add_trust(parser)
     add_config_dir(parser)
     parser.set_defaults(command=_later("reproduce", "extend"))
 

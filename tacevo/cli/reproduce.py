@@ -37,7 +37,8 @@ def run_replay(options: argparse.Namespace) -> int:
             check_walls(place)
             configs = _with_data_here(place, options)
         # The --store of a published run is for the images of --retrain, and need not exist yet.
-        done = replay(place, None if place.digest else existing_store(options.store), view)
+        store = None if place.digest else existing_store(options.store)
+        done = replay(place, store, view, trusts=options.trust_parts)
         told = _told(place, done)
         if options.retrain is not None:
             told.append(_retrain([_with_data(*pair) for pair in zip(done.runs, configs, strict=True)], options, view))
@@ -99,6 +100,7 @@ def _told(origin: Opened, done: Verified) -> list[str]:
     for job, run in zip(origin.jobs or ("",), runs, strict=True):
         place = f"{job}, " if job else ""
         told += [f"job {job}: digest {run.replayed.digest}"] if job else []
+        told += [f"{place}{line}" for line in _decided(run)]
         told += [
             f"{place}study {name}: every score is as recorded, digest {study.scores.digest}"
             for name, study in run.studies.items()
@@ -112,6 +114,14 @@ def _told(origin: Opened, done: Verified) -> list[str]:
     if done.entries is not None:
         told += [f"all {done.entries} store entries were needed", f"bundle digest: {origin.digest}"]
     return told
+
+
+def _decided(run: Rerun) -> list[str]:
+    """Say of each part that the run's user brought what it decided, and whether that was looked at."""
+    how = "as its recorded sources decide, confined"
+    if not run.replayed.trusted:
+        how = "as recorded; --trust-parts lets its recorded sources decide again, confined"
+    return [f"{part}: {counted(count, 'decision')}, {how}" for part, count in run.replayed.decisions.items()]
 
 
 def _with_data_here(place: Opened, options: argparse.Namespace) -> list[RunConfig]:
@@ -174,6 +184,11 @@ def run_extend(options: argparse.Namespace) -> int:
     place = opened(Path(options.run))
     with Progress() as view:
         moved = place.digest is None and options.store is not None
-        result = extended(replace(place, entries=Path(options.store)) if moved else place, options.overrides, view)
+        result = extended(
+            replace(place, entries=Path(options.store)) if moved else place,
+            options.overrides,
+            view,
+            trusts=options.trust_parts,
+        )
     print_end(result, paid_now(result))
     return DONE

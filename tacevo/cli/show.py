@@ -1,7 +1,6 @@
 """The command `tacevo show`: a run, one candidate of it, or how far the jobs of a sweep are."""
 
 import argparse
-import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +14,6 @@ from tacevo.cli.common import DONE, tell
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine
 from tacevo.evolution.prompts import SAMPLING
-from tacevo.evolution.reevaluation import estimates_of
 from tacevo.evolution.run_files import Line, check_references, read_elites, read_ledger
 from tacevo.gate.imports import with_imports
 from tacevo.records import Json, Operator, Task, written
@@ -72,7 +70,7 @@ def show_sweep(directory: SweepDirectory) -> str:
 _EDITED = "EDITED: this is not the source that the run admitted. Its hash is not the ledger's."
 
 #: Ledger fields of a candidate that are shown elsewhere, or not at all.
-_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "seeds"}
+_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs"}
 
 
 def show_run(path: Path, store: Path | None = None) -> str:
@@ -138,10 +136,6 @@ def show_candidate(path: Path, name: str) -> str:
     if line.repairs:
         reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
         parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
-    losses = estimates_of(ledger.lines, run.fitness_rule).losses.get(str(line.source), ())
-    if len(losses) > 1:
-        told = ", ".join(f"{loss:.6g}" if math.isfinite(loss) else "failed" for loss in losses)
-        parts.append(f"Losses of this source in the search, one for each training seed: {told}")
     if line.train_losses is not None and line.validation_losses is not None:
         parts.append(_losses(line.train_losses, line.validation_losses))
     return "\n\n".join([*parts, *_kept(directory, line)]).rstrip() + "\n"

@@ -231,9 +231,9 @@ def run_plan(options: argparse.Namespace) -> int:
     wish = {name: getattr(options, name) for name in ("effect", "comparisons", "power", "alpha")}
     planned = planned_from(options.kind, [Path(name) for name in options.runs], **wish)
     print_table(plan_table(planned), Console())
-    made = write_plan(planned, directory)
-    if made is None:
+    if planned.plan is None:
         tell("no plan: wish for a larger effect or a lower power, or compare fewer")
         return DIFFERENT
+    made = write_plan(planned.plan, directory)
     tell(f"plan: {directory / 'plan.json'}, {made.dated}")
     return DONE

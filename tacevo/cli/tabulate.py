@@ -28,7 +28,7 @@ def run_tabulate(options: argparse.Namespace) -> int:
     lower_priority(_NICE)
     with Progress() as view:
         view.say(f"at low priority (nice {_NICE}): other work of this machine goes first")
-        table = tabulate(config, target, view)
+        table = tabulate(config, target, view, seeds=options.seeds)
     tell(f"table:  {options.output} ({table.name})")
     for line in table.failures:
         tell(f"failed: {line}")

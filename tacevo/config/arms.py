@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import yaml
 
 from tacevo.config.conf_folder import config_file, groups
+from tacevo.config.removed import removed
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
 from tacevo.records import Json
@@ -33,7 +34,8 @@ def read_arm(choice: str) -> dict[str, Json]:
     """
     known = groups()[GROUP]
     if choice not in known:
-        raise ConfigError(repr(choice), place=GROUP, expected=f"one of {', '.join(known)}")
+        expected = f"one of {', '.join(known)}"
+        raise removed(f"{GROUP}={choice}") or ConfigError(repr(choice), place=GROUP, expected=expected)
     return parse_arm(choice, config_file(f"{GROUP}/{choice}.yaml", GROUP).read_text(encoding="utf-8"))
 
 

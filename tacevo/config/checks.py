@@ -10,29 +10,26 @@ from urllib.parse import urlsplit
 from tacevo.choices import (
     OPTIONAL_SAMPLING,
     PAPER_AXES,
-    ArchiveKind,
-    Axis,
     BoundsRule,
     Confinement,
     Device,
     Numerics,
     OperatorScope,
-    ParentPolicy,
     Scale,
     SimulatedSensor,
     SplitRule,
     SystemTurn,
 )
+from tacevo.config.deciding import check_code, constant
 from tacevo.config.schema import (
-    ArchiveConfig,
     DataConfig,
     LLMConfig,
-    ProposalsConfig,
     RunConfig,
     TaskConfig,
     TrainingConfig,
 )
 from tacevo.errors import ConfigError
+from tacevo.parts.kinds import ARCHIVES, PARENTS
 from tacevo.records import Kind, Loss, Mode, to_json
 
 
@@ -46,25 +43,11 @@ def check_together(config: RunConfig) -> None:
     _check_data(config.data)
     _check_llm(config.llm)
     _check_sampling(config.llm)
-    _check_archive(config.archive)
-    _check_reevaluations(config)
-    _check_proposals(config.proposals)
+    check_code(config)
+    _check_archive(config)
+    _check_proposals(config)
     _check_parents(config)
     check_device(config)
-
-
-def doubts_of_settings(config: RunConfig) -> list[str]:
-    """Say, a sentence each, what settings that are permitted together will not do."""
-    search, proposals = config.search, config.proposals
-    if search.generations == 0:
-        return []
-    pool = 1 + search.initial + search.candidates * (search.generations - 1)  # that the last generation draws from
-    if proposals.parents is not ParentPolicy.tournament or proposals.population < pool:
-        return []
-    return [
-        f"proposals.population={proposals.population} never ages: no generation has more than {pool} candidates before "
-        "it, so the tournaments are over all; proposals.population=20 proposals.tournament=5 suit a small search"
-    ]
 
 
 def check_device(config: RunConfig) -> None:
@@ -177,39 +160,33 @@ def _check_sampling(llm: LLMConfig) -> None:
     _check_that(fits, "llm.thinking_tokens", f"a number below llm.max_tokens={most}", thinking)
 
 
-def _check_archive(archive: ArchiveConfig) -> None:
-    known = [axes for count in (2, 1) for axes in combinations(Axis, count)]
-    *words, last = (f"[{','.join(axes)}]" for axes in known)
-    _check_that(archive.axes in known, "archive.axes", f"{', '.join(words)} or {last}", archive.axes)
-    whole = archive.kind is not ArchiveKind.best or archive.axes == PAPER_AXES
-    expected = f"[{','.join(PAPER_AXES)}] with archive.kind=best, which has no axes"
+def _check_archive(config: RunConfig) -> None:
+    archive = config.archive
+    ours = tuple(axis for axis in archive.axes if axis in PAPER_AXES)
+    known = [axes for count in (2, 1, 0) for axes in combinations(PAPER_AXES, count)]
+    expected = f"one axis or more, each once: {', '.join(PAPER_AXES)} in this order, and descriptors of your own"
+    _check_that(ours in known and _distinct(archive.axes), "archive.axes", expected, archive.axes)
+    whole = constant(config, ARCHIVES, "has_niches") or archive.axes == PAPER_AXES
+    expected = f"[{','.join(PAPER_AXES)}] with archive.kind={archive.kind}, which has no axes"
     _check_that(whole, "archive.axes", expected, archive.axes)
+    moves = archive.bounds is BoundsRule.adaptive or ours == archive.axes
+    expected = "adaptive with axes of your own, whose bounds no setting has"
+    _check_that(moves, "archive.bounds", expected, archive.bounds)
     for key in ("niches", "prompt_niches"):
         value = getattr(archive, key)
         _check_that(value <= archive.samples, f"archive.{key}", f"at most archive.samples={archive.samples}", value)
     logarithmic = archive.bounds is BoundsRule.fixed and archive.eff_ratio_scale is Scale.log
-    for axis in Axis:
-        key, least = f"{axis}_bounds", 0 if logarithmic and axis is Axis.eff_ratio else -math.inf
+    for axis in PAPER_AXES:
+        key, least = f"{axis}_bounds", 0 if logarithmic and axis == "eff_ratio" else -math.inf
         pair = getattr(archive, key)
         _check_that(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
         _check_that(pair[0] > least, f"archive.{key}", "low > 0 with archive.eff_ratio_scale=log", pair)
 
 
-def _check_reevaluations(config: RunConfig) -> None:
-    if config.archive.kind is not ArchiveKind.extract:
-        return
-    slots, bound = config.search.candidates, config.search.training_flops
-    why = "with archive.kind=extract"
-    _check_that(slots >= 2, "search.candidates", f"at least 2 {why}, one of which trains an elite again", slots)
-    least = math.ceil(1e6 / slots) / 1e6  # rounded up: it must itself be accepted
-    expected = f"at least {least:g}, one slot of search.candidates={slots}, {why}"
-    _check_that(config.archive.reevaluations(slots) >= 1, "archive.reevaluated", expected, config.archive.reevaluated)
-    _check_that(bound is None, "search.training_flops", f"null {why}, whose re-evaluations it lacks", bound)
-
-
-def _check_proposals(proposals: ProposalsConfig) -> None:
+def _check_proposals(config: RunConfig) -> None:
+    proposals = config.proposals
     p_m, parents = proposals.mutation_probability, proposals.parents
-    crosses = parents not in {ParentPolicy.baseline, ParentPolicy.none} or p_m == 1
+    crosses = constant(config, PARENTS, "crosses") or p_m == 1
     why = f"with proposals.parents={parents}, where a crossover lacks a second parent"
     _check_that(crosses, "proposals.mutation_probability", f"1 {why}", p_m)
     drawn = proposals.operator_for is OperatorScope.generation or 0 < p_m < 1
@@ -220,9 +197,9 @@ def _check_proposals(proposals: ProposalsConfig) -> None:
 def _check_parents(config: RunConfig) -> None:
     """Check what the controls need: a provider that draws networks, and niches whose elites are counted."""
     parents, provider, kind = config.proposals.parents, config.llm.provider, config.archive.kind
-    draws = parents is not ParentPolicy.none or not config.llm.facts.is_model
+    draws = constant(config, PARENTS, "has_parents") or not config.llm.facts.is_model
     why = "which cannot draw a network at random: llm=grammar can"
     _check_that(draws, "proposals.parents", f"another one with llm={provider}, {why}", parents)
-    counts = parents is not ParentPolicy.best_k or kind is not ArchiveKind.best
+    counts = not constant(config, PARENTS, "counts_elites") or constant(config, ARCHIVES, "has_niches")
     why = "which has no niches to count elites in"
     _check_that(counts, "proposals.parents", f"another one with archive.kind={kind}, {why}", parents)

@@ -23,12 +23,14 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.chosen import check_parts
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
+from tacevo.config.own_parts import check_setting, checked, defaults, names_own, own_parts, with_names
 from tacevo.config.plain import converted, from_plain, near
+from tacevo.config.removed import removed
 from tacevo.config.schema import UNCHOSEN, RunConfig, keys
 from tacevo.config.sources import DEVICE, check_used, is_elsewhere, is_of_data, unused, with_all_sensors
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
-from tacevo.records import Json, to_json
+from tacevo.records import Json, default_of, to_json
 from tacevo.text import as_override, listed
 
 T = TypeVar("T")
@@ -76,18 +78,46 @@ def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]
     overrides = [each for each in overrides if each != "experiment=null"]  # the default, which Hydra cannot be told
     choice, others = split_arm(overrides)
     arm = read_arm(choice)
+    own = [each for each in others if _is_of_parts(each)]
+    others = [each for each in others if each not in own]
     with _hydra([*groups(), *keys()], overrides):
         composed = composed_by("config", others)
         if arm:
             check_change(choice, arm, _plain(composed))
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
-        config = _with_prices_here(from_plain(_plain(composed)), overrides)
+        plain = _with_own_parts(_plain(composed), own)
+        config = _with_prices_here(from_plain(plain), overrides)
         check_parts(config)
         without = [each for each in others if not _names_any(each, unused(config))]
         if len(without) < len(others) or "data" in arm:
             usual = composed_by("config", without)
             check_used(config, _plain(composed.data), _plain(usual.data))
     return with_all_sensors(config, others)
+
+
+def _is_of_parts(override: str) -> bool:
+    return override.startswith("parts.")
+
+
+def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str]) -> dict[str, Json]:
+    """Return a configuration with the parts that its user brought: their code, and their settings.
+
+    Those are composed by Hydra over the defaults that each part states; overrides of parts that are not chosen here,
+    but are installed, have no effect, so that a sweep can set what one of its arms has.
+    """
+    given = plain.get("parts") or {}
+    if not (overrides or given or names_own(plain)):
+        return plain
+    found = own_parts(plain)
+    chosen = {part.name for part in found}
+    for override in overrides:
+        name, _, setting = override.partition("=")[0].removeprefix("parts.").partition(".")
+        check_setting(found, name, setting)
+    laid = [each for each in overrides if each.partition("=")[0].split(".")[1] in chosen]
+    ConfigStore.instance().store(name="parts", node={"parts": defaults(found)})
+    composed = hydra_compose("parts", overrides=laid)
+    merged = {**_plain(cast(DictConfig, OmegaConf.merge(composed, {"parts": given})))} if given else _plain(composed)
+    return {**with_names(plain, found), "parts": checked(found, cast(dict[str, Any], merged["parts"]))}
 
 
 def _with_prices_here(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
@@ -272,7 +302,8 @@ def _plain(composed: DictConfig) -> dict[str, Json]:
 
 def _defaults(schema: type) -> dict[str, Json]:
     """Return what a schema's settings are where the files of conf/ leave them out."""
-    given = {field.name: to_json(field.default) for field in fields(schema) if field.default is not MISSING}
+    defaults = ((field.name, default_of(field)) for field in fields(schema))
+    given = {name: to_json(default) for name, default in defaults if default is not MISSING}
     return given | {
         field.name: _defaults(field.type)
         for field in fields(schema)
@@ -283,7 +314,10 @@ def _defaults(schema: type) -> dict[str, Json]:
 def _check_settings(overrides: Sequence[str]) -> None:
     """Refuse what is not a setting of tacevo: what is added or removed, is Hydra's own, or lacks a value."""
     for override in overrides:
-        if override.startswith(("+", "~", "hydra.", "hydra/")) or "=" not in override:
+        if override.startswith("parts="):
+            expected = "parts.NAME.SETTING=VALUE, a setting of a part"
+            raise ConfigError(override, place="parts", expected=expected)
+        if override.startswith(("+", "~", "hydra.", "hydra/", "code=", "code.")) or "=" not in override:
             remedy = "settings cannot be added or removed, and Hydra's own have no effect"
             raise ConfigError(repr(override), expected="KEY=VALUE or GROUP=CHOICE", remedy=remedy)
 
@@ -327,7 +361,7 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
     if unknown:
         # The cause names the key of a group that was set as a whole.
         name = max(unknown.group(1), getattr(error.__cause__, "full_key", None) or "", key=len)
-        return ConfigError("not a setting", place=name, remedy=near(name, names, command))
+        return removed(name) or ConfigError("not a setting", place=name, remedy=near(name, names, command))
     several = re.match(r"(?:Ambiguous value for argument|Sweep parameters) '(.*)'", lines[0])
     if several:
         each = "`tacevo search -m ...` runs a sweep of all values" if command == "search" else "call it for each"
@@ -347,7 +381,9 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
     said = [*itertools.takewhile(lambda line: not line.startswith("Config search path"), lines)]
     missing = re.search(r"Could not find '(.+)/([^/]*)'", said[0])
     if missing:
-        return ConfigError(missing.group(2), place=missing.group(1), expected=f"one of {', '.join(said[2:])}")
+        group, choice = missing.groups()
+        known = ", ".join(said[2:])
+        return removed(f"{group}={choice}") or ConfigError(choice, place=group, expected=f"one of {known}")
     return ConfigError(" ".join(said), place=getattr(error, "full_key", None) or "")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
-from tacevo.choices import PAPER_AXES, ArchiveKind, PromptPolicy
+from tacevo.choices import PAPER_AXES
 from tacevo.config.checks import check_together
 from tacevo.config.compose import compose, compose_study
 from tacevo.config.conf_folder import config_roots
@@ -76,8 +76,8 @@ def _run_of(chosen: RunConfig, networks: int) -> RunConfig:
     config = replace(
         chosen,
         search=SearchConfig(generations=0, candidates=1, initial=networks),
-        archive=replace(chosen.archive, kind=ArchiveKind.best, kept=networks + 1, axes=PAPER_AXES),
-        prompts=replace(chosen.prompts, policy=PromptPolicy.none, pool=None),
+        archive=replace(chosen.archive, kind="best", kept=networks + 1, axes=PAPER_AXES),
+        prompts=replace(chosen.prompts, policy="none", pool=None),
     )
     check_together(config)
     return config

@@ -4,17 +4,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
 
-from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, ParentPolicy, PromptPolicy
+from tacevo.choices import OPTIONAL_SAMPLING
+from tacevo.config.deciding import parts_identity
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash
-
-#: Archive settings without effect, by archive kind. Early releases had no `archive.kind`: their archive was `cvt`.
-_NO_EFFECT = {
-    ArchiveKind.cvt: ("kind", "kept", "reevaluated"),
-    ArchiveKind.best: ("reevaluated",),
-    ArchiveKind.extract: ("kept",),
-}
 
 
 def identity(config: RunConfig) -> dict[str, Json]:
@@ -25,13 +19,9 @@ def identity(config: RunConfig) -> dict[str, Json]:
     is watched, does not enter. Settings that came later enter only where they are set, so that a run without them
     stays the run it was.
     """
-    settings = config.archive
-    archive = {**written(settings), "kept": settings.kept, "reevaluated": settings.reevaluated}
-    for name in _NO_EFFECT[settings.kind]:
-        archive.pop(name, None)
-    proposals = written(config.proposals)
-    if config.proposals.parents is not ParentPolicy.tournament:
-        proposals = {name: value for name, value in proposals.items() if name not in {"population", "tournament"}}
+    archive = {**written(config.archive), "kept": config.archive.kept}
+    if config.archive.kind == "cvt":  # the only one of early releases, which had neither setting
+        del archive["kind"], archive["kept"]
     return {
         "seed": config.seed,
         "search": {"candidates": config.search.candidates, "initial": config.search.initial},
@@ -39,10 +29,11 @@ def identity(config: RunConfig) -> dict[str, Json]:
         "archive": archive,
         "temperature": written(config.temperature),
         "prompts": written(config.prompts),
-        "proposals": proposals,
+        "proposals": written(config.proposals),
         "training": written(config.training),
         "gate": written(config.gate),
         "numerics": config.numerics.kind.value,
+        **({"parts": parts} if (parts := parts_identity(config)) else {}),
     }
 
 
@@ -95,8 +86,8 @@ def twins_of(arm: str | None, pairs: Iterable[tuple[str, str]]) -> list[str]:
 
 def _recording(config: RunConfig) -> str:
     """Hash a configuration, as if it recorded prompts where it does not."""
-    if config.prompts.policy is PromptPolicy.none:
-        config = replace(config, prompts=replace(config.prompts, policy=PromptPolicy.uniform))
+    if config.prompts.policy == "none":
+        config = replace(config, prompts=replace(config.prompts, policy="uniform"))
     return config_hash(config)
 
 

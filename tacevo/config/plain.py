@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 from tacevo.config.checks import check_together
+from tacevo.config.removed import without_removed
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
 from tacevo.records import Json
@@ -14,12 +15,14 @@ T = TypeVar("T")
 
 
 def from_plain(value: Mapping[str, Json]) -> RunConfig:
-    """Read what `to_json` wrote, in this version or an earlier one, which lacks the settings that came later.
+    """Read what `to_json` wrote, in this version or an earlier one.
+
+    An earlier one lacks the settings that came later, and may have some that were removed (`tacevo.config.removed`).
 
     Raises:
         ConfigError: the values are not a configuration of this version.
     """
-    config = converted(RunConfig, dict(value))
+    config = converted(RunConfig, without_removed(value))
     check_together(config)
     return config
 

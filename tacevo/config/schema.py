@@ -6,9 +6,9 @@ without a unit in their name are counts, fractions or temperatures.
 """
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
-from typing import Annotated, Any, ClassVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import AfterValidator, BeforeValidator
@@ -16,8 +16,6 @@ from pydantic_core import PydanticCustomError
 
 from tacevo.choices import (
     PAPER_AXES,
-    ArchiveKind,
-    Axis,
     BoundsRule,
     Confinement,
     Device,
@@ -28,20 +26,18 @@ from tacevo.choices import (
     Normalisation,
     Numerics,
     OperatorScope,
-    ParentPolicy,
     Precision,
-    PromptPolicy,
     Scale,
     SplitRule,
     SystemTurn,
     TargetScaling,
-    TemperatureRule,
 )
 from tacevo.errors import ConfigError
 from tacevo.parts.facts import HERE, ProviderFacts, SourceFacts, provider_facts, source_facts
 from tacevo.records import Delivery, Kind, Loss, Mode, Record
 from tacevo.redaction import check_address, names_place
 from tacevo.space import Space
+from tacevo.typed import FreeJson
 
 
 def is_a(words: str, holds: Callable[[Any], object]) -> AfterValidator:
@@ -75,9 +71,11 @@ ImageCount = Annotated[int, Ge(10), Le(10 * MOST)]
 Memory = Annotated[int, Ge(64)]
 Positive = Annotated[float, Gt(0)]
 Fraction = Annotated[float, Ge(0), Le(1)]
-Part = Annotated[float, Gt(0), Lt(1)]
+Share = Annotated[float, Gt(0), Lt(1)]
 Text = Annotated[str, is_a("text that is not empty", bool)]
 Name = Annotated[str, is_a("letters, digits, _ and -", re.compile(r"[\w-]+").fullmatch)]
+#: The name of a part (`tacevo.parts`): one of ours, or of a package's, or of a class that a file defines.
+Part = Annotated[str, is_a("the name of a part", re.compile(r"[A-Za-z][\w-]*").fullmatch)]
 Identifier = Annotated[str, is_a("a name that Python allows", str.isidentifier)]
 #: A number may be written without quotes.
 Column = Annotated[Text, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
@@ -151,8 +149,8 @@ class DataConfig(Record):
     split_seed: AtLeast0  #: of a random split
     normalisation: Normalisation  #: of the images
     #: With `split=random`: the part of all images that is for validation; what no part takes trains.
-    validation_part: Part = 0.1
-    test_part: Part = 0.1  #: the part for the test
+    validation_part: Share = 0.1
+    test_part: Share = 0.1  #: the part for the test
     #: Recorded: the stored value that becomes 255; null for the largest that the files can hold.
     white_point: Positive | None = None
     #: The column of the table whose value the images of one press share, which a random split keeps in one part.
@@ -200,19 +198,11 @@ class ArchiveConfig(Record):
     arch_div_bounds: tuple[float, ...]
     eff_ratio_bounds: tuple[float, ...]  #: of the other descriptor, with `bounds=fixed`
     eff_ratio_scale: Scale  #: of its axis
-    kind: ArchiveKind = ArchiveKind.cvt  #: niches, the best networks, or niches whose elites are trained again
+    kind: Part = "cvt"  #: niches, or the best networks
     #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
     kept: OneToMillion = 10
-    #: With `kind=extract`: the part of a generation's slots that train elites again, rounded down to whole slots.
-    reevaluated: Part = 0.25
     #: The axes of the networks' niches.
-    axes: tuple[Axis, ...] = PAPER_AXES
-
-    def reevaluations(self, candidates: int) -> int:
-        """Return how many of a generation's slots train elites again, at most: whole ones."""
-        if self.kind is not ArchiveKind.extract:
-            return 0
-        return int(round(self.reevaluated * candidates, 9))  # 0.29 x 100 is 28.999999999999996
+    axes: tuple[Part, ...] = PAPER_AXES
 
 
 #: Stands for a model's name in an estimate of a search whose model is not chosen.
@@ -270,7 +260,7 @@ class LLMConfig(Record):
 class TemperatureConfig(Record):
     """The sampling temperature (paper, Algorithm 1, line 9)."""
 
-    rule: TemperatureRule  #: how it follows the search
+    rule: Part  #: how it follows the search
     #: T_1, of generation 0.
     start: Fraction
     step: Fraction  #: eta, by which the rule moves it
@@ -281,7 +271,7 @@ class TemperatureConfig(Record):
 class PromptsConfig(Record):
     """How instructions are chosen."""
 
-    policy: PromptPolicy  #: how an instruction is drawn
+    policy: Part  #: how an instruction is drawn
     #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
     pool: OneToMillion | None = None
 
@@ -298,7 +288,7 @@ class ProposalsConfig(Record):
 
     #: p_m, the probability that a generation mutates; else it crosses over.
     mutation_probability: Fraction
-    parents: ParentPolicy  #: how parents are drawn
+    parents: Part  #: how parents are drawn
     #: With `parents=best`: how many of the best elites are parents.
     best: OneToMillion
     #: How often an answer that the gate rejected goes back with the reason; the paper discards it.
@@ -307,9 +297,6 @@ class ProposalsConfig(Record):
     operator_for: OperatorScope = OperatorScope.generation
     #: The part of the candidates that a surrogate, fitted to the search's own trainings, judges worst and skips.
     skipped: Annotated[float, Ge(0), Lt(1)] = 0.0
-    #: With `parents=tournament`: how many of the youngest trained candidates compete (Real et al., 2019).
-    population: Annotated[int, Ge(1), Le(10_000)] = 100
-    tournament: Annotated[int, Ge(1), Le(10_000)] = 25  #: draws that each parent wins
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,8 +318,6 @@ class TrainingConfig(Record):
     #: With `device=cuda`: whether the step of a training is recorded once and replayed, where the network allows it.
     captured: bool = True
     fitness: FitnessRule = FitnessRule.last  #: what a training's fitness is of its validation losses
-    #: Trainings of each candidate; its fitness is the median of theirs.
-    seeds: Annotated[OneToMillion, is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -409,6 +394,21 @@ class OutputConfig(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PartCode(Record):
+    """What the results of a run depend on of a part that a user brought, beside its settings."""
+
+    #: The kind of the part (`tacevo.parts.kinds`).
+    kind: Literal["parents", "prompts", "temperatures", "archives", "descriptors", "fitness"]
+    #: Where its class is: the dotted name of its module, and its own.
+    module: Annotated[str, is_a("a module's name", re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*").fullmatch)]
+    attribute: Identifier
+    #: Of its sources (`tacevo.sandbox.part_process.Recorded.sha256`).
+    sha256: Annotated[str, is_a("64 hex digits", re.compile(r"[0-9a-f]{64}").fullmatch)]
+    #: The constants of its class that others look at.
+    constants: Mapping[str, bool] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunConfig(Record):
     """One whole run."""
 
@@ -429,13 +429,19 @@ class RunConfig(Record):
     tracking: TrackingConfig
     store: StoreConfig
     run: OutputConfig = OutputConfig()
+    #: Settings of parts that a user brought, by the name of the part.
+    parts: Mapping[str, Mapping[str, FreeJson]] = field(default_factory=dict)
+    #: Those of them that decide results, as composing found them.
+    code: Mapping[str, PartCode] = field(default_factory=dict)
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"parts", "code"})
 
 
 def keys(schema: type = RunConfig, prefix: str = "") -> list[str]:
     """List every key of a schema, e.g. `archive.niches`."""
     names = []
-    for field in fields(schema):
-        names.append(f"{prefix}{field.name}")
-        if isinstance(field.type, type) and is_dataclass(field.type):
-            names += keys(field.type, f"{prefix}{field.name}.")
+    for each in fields(schema):
+        names.append(f"{prefix}{each.name}")
+        if isinstance(each.type, type) and is_dataclass(each.type):
+            names += keys(each.type, f"{prefix}{each.name}.")
     return names

@@ -16,39 +16,34 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from fractions import Fraction
-from typing import TypeVar
 
-from tacevo.choices import PromptPolicy
+from tacevo.choices import PAPER_AXES
 from tacevo.errors import ConfigError
 from tacevo.evolution.archive import AddStatus, Elite, Growing, Individual, coverage, qd_score
 from tacevo.evolution.descriptors import describe
-from tacevo.evolution.development import Effects, Job, Outcome, develop
+from tacevo.evolution.development import Effects, Outcome, develop
 from tacevo.evolution.lines import (
     CandidateLine,
     GenerationLine,
-    ReevaluationLine,
     RepairedAnswer,
     source_hash,
     with_result,
 )
-from tacevo.evolution.prompts import FAILED, Trial, curiosity
+from tacevo.evolution.prompts import FAILED, curiosity
 from tacevo.evolution.proposals import (
     Candidate,
     Proposal,
     elites_of,
-    next_temperature,
     plan_generation,
     plan_initial,
-    pool_of_parents,
 )
-from tacevo.evolution.reevaluation import Estimates, Reevaluation, compete_again, plan_reevaluations
 from tacevo.evolution.state import LedgerWriter, Observer, Plan, SearchState
 from tacevo.evolution.surrogate import features, skips
+from tacevo.evolution.temperatures import clip
+from tacevo.parts import Generation, Population, Trial
 from tacevo.records import Operator, Rejection, Task, Training, to_json
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
-
-T = TypeVar("T", CandidateLine, ReevaluationLine)
 
 
 def run_search(plan: Plan, effects: Effects, ledger: LedgerWriter, observer: Observer) -> SearchState:
@@ -62,7 +57,6 @@ def run_search(plan: Plan, effects: Effects, ledger: LedgerWriter, observer: Obs
         generation=0,
         temperature=plan.temperature_start,
         networks=plan.archive,
-        estimates=Estimates(rule=plan.fitness),
     )
     while not state.is_past(plan):
         state = step(state, plan, effects, ledger, observer)
@@ -72,13 +66,11 @@ def run_search(plan: Plan, effects: Effects, ledger: LedgerWriter, observer: Obs
 def step(state: SearchState, plan: Plan, effects: Effects, ledger: LedgerWriter, observer: Observer) -> SearchState:
     """Run one generation: propose, develop, commit, close."""
     before = state
-    lines: list[CandidateLine | ReevaluationLine] = []
+    lines: list[CandidateLine] = []
     outcomes = develop(
         propose(state, plan),
         effects,
         repairs=plan.repairs,
-        seeds=plan.seeds,
-        rule=plan.fitness,
         skips=skips(state.candidates.values(), plan.skipped),
     )
     for outcome in outcomes:
@@ -97,7 +89,7 @@ def step(state: SearchState, plan: Plan, effects: Effects, ledger: LedgerWriter,
 def check_given(outcome: Outcome, task: Task) -> None:
     """Refuse a baseline, or another network of the user's, that does not train."""
     proposal, result = outcome.proposal, outcome.result
-    if isinstance(proposal, Proposal) and proposal.request is None and isinstance(result, Rejection):
+    if proposal.request is None and isinstance(result, Rejection):
         is_baseline = proposal.operator is Operator.baseline
         raise ConfigError(
             f"one that is rejected: {result.stage}, {result.reason}: {result.detail}",
@@ -108,108 +100,86 @@ def check_given(outcome: Outcome, task: Task) -> None:
         )
 
 
-def propose(state: SearchState, plan: Plan) -> tuple[Job, ...]:
-    """Propose the next generation from the state: its candidates, then the elites that are trained again."""
+def propose(state: SearchState, plan: Plan) -> tuple[Proposal, ...]:
+    """Propose the next generation from the state."""
     if state.generation == 0:
         return plan_initial(plan.task, plan.settings, mutations=plan.initial, temperature=state.temperature)
-    settings, archive = plan.settings, state.networks.archive
-    again = plan_reevaluations(
-        elites_of(state.candidates, archive),
-        state.estimates,
-        settings,
-        generation=state.generation,
-        number=plan.reevaluations,
-        seeds=plan.seeds,
-    )
-    asked = plan_generation(
+    return plan_generation(
         plan.task,
-        replace(settings, candidates=settings.candidates - len(again)),
-        generation=state.generation,
-        elites=pool_of_parents(settings.parents, state.candidates, archive, population=settings.population),
+        plan.settings,
+        population=Population(
+            generation=state.generation,
+            candidates=state.candidates,
+            elites=elites_of(state.candidates, state.networks.archive),
+        ),
         prompts=state.prompts,
         temperature=state.temperature,
     )
-    return (*asked, *again)
 
 
-def fold(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState, CandidateLine | ReevaluationLine]:
+def fold(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
     """Commit one outcome to the state; return the state and its ledger line."""
-    if isinstance(outcome.proposal, Reevaluation):
-        return reevaluate(state, plan, outcome.proposal, outcome)
-    after, line = commit(state, plan, outcome.proposal, outcome)
+    after, line = commit(state, plan, outcome)
     return _with_effect(after, plan, line), line
 
 
-def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
+def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
     """Commit one candidate to the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger line.
 
     A rejected candidate is discarded: it changes no archive. Nor does a skipped one.
     """
-    line = _candidate_line(proposal, outcome, plan)
+    line = _candidate_line(outcome, plan)
     admitted, result = outcome.admitted, outcome.result
     if admitted is None:
         return state, line
-    descriptor = describe(admitted.profile)
-    line = replace(line, **asdict(descriptor))
+    line = replace(line, **asdict(describe(admitted.profile)))
     if not isinstance(result, Training):
         return state, line
-    estimates, fitness = state.estimates, plan.fitness.of(result.validation_losses)
-    if plan.reevaluations:
-        estimates = estimates.after(line)
-        fitness = estimates.fitness(str(line.source))
-    point = descriptor.point(plan.axes, plan.eff_ratio_scale)
+    fitness = plan.fitness.of(result.validation_losses)
+    point = tuple(axis.describe(admitted.profile) for axis in plan.axes.values())
     newcomer = Individual(elite=Elite(name=line.id, objective=-fitness), point=point)
     networks, niche, status = state.networks.offer(plan.networks, newcomer)
     score = curiosity(fitness, inserted=status is not AddStatus.rejected)
     child = Candidate(
-        id=proposal.id,
+        id=line.id,
         source=admitted.source,
         fitness=fitness,
+        losses=result.validation_losses,
+        parameters=admitted.profile.learnt,
         flops=admitted.profile.training_flops,
+        parents=line.parents,
         curiosities=Fraction(score),
         features=features(admitted.profile) if plan.skipped else {},
     )
-    candidates = _learned(state.candidates, proposal, child)
-    line = replace(line, niche=niche, status=status, curiosity=score)
+    candidates = _learned(state.candidates, outcome.proposal, child)
+    measures = tuple(value for name, value in zip(plan.axes, point, strict=True) if name not in PAPER_AXES)
+    line = replace(line, measures=measures, niche=niche, status=status, curiosity=score)
     best = min(state.best, fitness)
-    state = replace(state, networks=networks, candidates=candidates, estimates=estimates, best=best)
+    state = replace(state, networks=networks, candidates=candidates, best=best)
     return _record_prompt(state, plan, line, score)
 
 
-# Not part of the paper's algorithm.
-def reevaluate(
-    state: SearchState, plan: Plan, job: Reevaluation, outcome: Outcome
-) -> tuple[SearchState, ReevaluationLine]:
-    """Commit the further training of an elite to the state; return the state and its ledger line."""
-    line = ReevaluationLine(
-        generation=job.generation,
-        slot=job.slot,
-        id=job.elite,
-        source=source_hash(job.source),
-        not_portable=() if outcome.admitted is None else outcome.admitted.profile.not_portable,
-    )
-    line = _with_result(line, outcome, plan)
-    estimates = state.estimates.after(line)
-    networks, candidates, line = compete_again(state.networks, state.candidates, estimates, plan.networks, line)
-    best = min((-elite.objective for elite in networks.archive.elites.values()), default=math.inf)
-    return replace(state, networks=networks, candidates=candidates, estimates=estimates, best=best), line
-
-
 def close(
-    before: SearchState, state: SearchState, plan: Plan, folded: Sequence[CandidateLine | ReevaluationLine]
+    before: SearchState, state: SearchState, plan: Plan, lines: Sequence[CandidateLine]
 ) -> tuple[SearchState, GenerationLine]:
     """Close a generation: its best fitness, its figures, and the next temperature (paper, Algorithm 1, line 9).
 
     Generation 0 leaves T_1 as it is: there is no generation before it to compare with. `trained` counts first answers
     only, as the paper has it; repaired ones are counted apart, where any answer was sent back.
     """
+    fitnesses = [line.fitness for line in lines if line.fitness is not None]
     temperature = state.temperature
     if state.generation > 0:
-        temperature = next_temperature(
-            plan.temperature_rule, temperature, best=state.best, best_before=before.best, step=plan.temperature_step
+        ended = Generation(
+            number=state.generation,
+            temperature=temperature,
+            best=state.best,
+            best_before=before.best,
+            candidates=len(lines),
+            trained=len(fitnesses),
+            inserted=sum(line.inserted for line in lines),
         )
-    lines = [line for line in folded if isinstance(line, CandidateLine)]
-    fitnesses = [line.fitness for line in lines if line.fitness is not None]
+        temperature = clip(plan.temperature.next(ended))
     repaired = sum(line.fitness is not None for line in lines if line.repairs)
     line = GenerationLine(
         generation=state.generation,
@@ -227,7 +197,6 @@ def close(
         archive=state.networks.digest,
         prompt_archive=state.prompts.digest,
         repaired=repaired if any(line.repairs for line in lines) else None,
-        reevaluated=len(folded) - len(lines) or None,
         skipped=sum(line.skipped for line in lines if not line.repairs) or None,
     )
     return replace(state, generation=state.generation + 1, temperature=temperature), line
@@ -237,7 +206,7 @@ def _record_prompt(
     state: SearchState, plan: Plan, line: CandidateLine, score: float
 ) -> tuple[SearchState, CandidateLine]:
     """Let a mutation's prompt configuration compete in A_P; the mutations of generation 0 come before it begins."""
-    if plan.settings.prompts is PromptPolicy.none or line.prompt is None or line.generation == 0:
+    if not plan.settings.prompts.records or line.prompt is None or line.generation == 0:
         return state, line
     trial = Trial(prompt=line.prompt, temperature=state.temperature, inserted=line.inserted, curiosity=score)
     prompts, niche, status = state.prompts.record(
@@ -248,8 +217,8 @@ def _record_prompt(
 
 # Not part of the paper's algorithm.
 def _with_effect(state: SearchState, plan: Plan, line: CandidateLine) -> SearchState:
-    """Let the policy `effect` learn what an instruction did to the loss of its child."""
-    if plan.settings.prompts is not PromptPolicy.effect or line.prompt is None or line.skipped:
+    """Learn what an instruction did to the loss of its child."""
+    if line.prompt is None or line.skipped:
         return state
     parent = state.candidates.get(line.parents[0])
     if parent is None or not 0 < parent.fitness < math.inf or line.fitness == 0:
@@ -265,12 +234,12 @@ def _learned(candidates: Growing[str, Candidate], proposal: Proposal, child: Can
     return candidates.adding(child.id, child)
 
 
-def _candidate_line(proposal: Proposal, outcome: Outcome, plan: Plan) -> CandidateLine:
+def _candidate_line(outcome: Outcome, plan: Plan) -> CandidateLine:
     """Write a candidate's line as far as its development goes.
 
     It says what was asked, what the model answered, and what gate and training found; descriptors and archives follow.
     """
-    completion, admitted = outcome.completion, outcome.admitted
+    proposal, completion, admitted = outcome.proposal, outcome.completion, outcome.admitted
     line = CandidateLine(
         generation=proposal.generation,
         slot=proposal.slot,
@@ -304,12 +273,6 @@ def _candidate_line(proposal: Proposal, outcome: Outcome, plan: Plan) -> Candida
             extra_flops=profile.extra_flops,
             not_portable=profile.not_portable,
         )
-    return _with_result(line, outcome, plan)
-
-
-def _with_result(line: T, outcome: Outcome, plan: Plan) -> T:
-    """Return a line with what gate and training found."""
     if outcome.result is None:
         return line
-    trainings, keys = outcome.trainings, outcome.keys
-    return with_result(line, outcome.result, seed=outcome.seed, trainings=trainings, keys=keys, rule=plan.fitness)
+    return with_result(line, outcome.result, evaluation=outcome.evaluation, rule=plan.fitness)

@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tacevo import parts
 from tacevo.randomness import derived_seed, stream
 from tacevo.records import Record, to_json
 from tacevo.storage.canonical import content_hash
@@ -159,12 +160,31 @@ def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> 
     return [[round(float(value), 9) for value in centroid] for centroid in means.cluster_centers_]
 
 
+@dataclass(frozen=True)
+class Cvt(parts.Archive):
+    """The paper's niches, spread evenly by k-means (`find_centroids`)."""
+
+    #: Uniform points, and their seed.
+    samples: int
+    seed: int
+
+    def centroids(self, niches: int, axes: int) -> list[list[float]]:
+        """Return the centroids."""
+        return find_centroids(niches=niches, dimensions=axes, samples=self.samples, seed=self.seed)
+
+
+@dataclass(frozen=True)
+class Fittest(parts.Archive):
+    """A control without niches: the best networks (`TopK`)."""
+
+    has_niches = False
+
+
 def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStatus]:
     """Offer an elite to a niche; return the archive that results.
 
     The incumbent keeps its niche on a tie, so the order of arrival is part of the result and replay must
-    preserve it. An objective of minus infinity enters no niche: it is that of a network which failed when it was
-    trained again.
+    preserve it.
 
     Raises:
         ValueError: the objective is NaN, which can be compared with nothing.
@@ -172,7 +192,7 @@ def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStat
     if math.isnan(elite.objective):
         raise ValueError(f"the objective of {elite.name} must be a number; got nan")
     incumbent = archive.elites.get(niche)
-    if elite.objective <= (-math.inf if incumbent is None else incumbent.objective):
+    if incumbent is not None and elite.objective <= incumbent.objective:
         return archive, AddStatus.rejected
     grown = Archive(archive.elites.adding(niche, elite))
     return grown, AddStatus.new if incumbent is None else AddStatus.improved
@@ -285,20 +305,6 @@ class NetworkArchive:
         niche = niches.niche_of(bounds.normalise(newcomer.point))
         archive, status = insert(archive, niche, newcomer.elite)
         return replace(self, archive=archive, bounds=bounds, history=self._with(newcomer)), niche, status
-
-    def reestimated(self, niches: Tessellation | TopK, names: Iterable[str], objective: float) -> "NetworkArchive":
-        """Return the archive with another objective of some candidates, filled again by all that were offered.
-
-        Raises:
-            ValueError: it has no niches, or no candidate was offered yet.
-        """
-        if self.bounds is None or isinstance(niches, TopK):
-            raise ValueError("expected an archive with niches and candidates; got another one")
-        history = self.history
-        for name in names:
-            elite = Elite(name=name, objective=objective)
-            history = history.adding(name, replace(history[name], elite=elite))
-        return replace(self, archive=_rebuilt(niches, self.bounds, history.values()), history=history)
 
     def _with(self, newcomer: Individual) -> Growing[str, Individual]:
         return self.history.adding(newcomer.elite.name, newcomer)

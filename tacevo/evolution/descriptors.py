@@ -12,7 +12,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tacevo.choices import Axis, Scale
+from tacevo import parts
+from tacevo.choices import Scale
 from tacevo.profile import Graph, Profile
 
 
@@ -31,9 +32,25 @@ class Descriptor:
     #: Mean coefficient of variation of the layer properties; >= 0.
     variation: float
 
-    def point(self, axes: Sequence[Axis], eff_ratio: Scale) -> tuple[float, ...]:
-        """Return the coordinates on the axes of the network archive, before normalisation; see `scaled`."""
-        return tuple(on_axis(axis, getattr(self, axis), eff_ratio) for axis in axes)
+
+@dataclass(frozen=True)
+class ArchDiv(parts.Descriptor):
+    """Architectural diversity, as an axis of the network archive."""
+
+    def describe(self, profile: Profile) -> float:
+        """Return the mean of entropy, density and variation."""
+        return describe(profile).arch_div
+
+
+@dataclass(frozen=True)
+class EffRatio(parts.Descriptor):
+    """Compute efficiency, as an axis of the network archive."""
+
+    eff_ratio_scale: Scale
+
+    def describe(self, profile: Profile) -> float:
+        """Return the Efficiency Ratio, as it is or as its logarithm (`scaled`)."""
+        return scaled(describe(profile).eff_ratio, self.eff_ratio_scale)
 
 
 def describe(profile: Profile) -> Descriptor:
@@ -109,9 +126,9 @@ def width(graph: Graph) -> int:
     return max([1, *(node.width for node in graph.nodes if node.weighted)])
 
 
-def on_axis(axis: Axis, value: float, eff_ratio: Scale) -> float:
+def on_axis(axis: str, value: float, eff_ratio: Scale) -> float:
     """Return a descriptor as its axis of the archive has it: the scale is that of the Efficiency Ratio only."""
-    return scaled(value, eff_ratio) if axis is Axis.eff_ratio else value
+    return scaled(value, eff_ratio) if axis == "eff_ratio" else value
 
 
 def scaled(eff_ratio: float, scale: Scale) -> float:

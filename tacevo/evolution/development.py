@@ -5,22 +5,17 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
-from tacevo.choices import FitnessRule
 from tacevo.errors import CacheMissError
 from tacevo.evolution.prompts import repair_request
 from tacevo.evolution.proposals import Proposal
-from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Operator, Rejection, Request, Training
 
-#: A slot of a generation.
-Job = Proposal | Reevaluation
-
-#: Trains a source with the training seed of a number, from 0; a candidate that fails is a value.
-Evaluate = Callable[[str, int], Training | Rejection]
+#: Trains a source; a candidate that fails is a value.
+Evaluate = Callable[[str], Training | Rejection]
 
 
 class LLM(Protocol):
@@ -47,11 +42,11 @@ class Effects:
     admit: Callable[[Completion, str], Admitted | Rejection]
     #: The gate, for the task's baseline.
     inspect: Callable[[str], Admitted | Rejection]
-    #: Its probe alone, for a source that the gate admitted before: an elite, or a given network.
+    #: Its probe alone, for a source that the gate admitted before: a given network.
     measure: Callable[[str], Admitted | Rejection]
     evaluate: Evaluate
-    #: Names the training of a source with the seed of a number in its store.
-    evaluation_key: Callable[[str, int], str]
+    #: Names the training of a source in its store.
+    evaluation_key: Callable[[str], str]
     executor: Executor
     #: The processor time, in seconds, of all candidates that the calling thread has waited for; it only grows.
     cpu_seconds: Callable[[], float]
@@ -69,25 +64,21 @@ class Attempt:
 class Outcome:
     """What became of a proposal."""
 
-    proposal: Job
-    #: The last answer; None for the baseline, a given network and an elite, which no model was asked for.
+    proposal: Proposal
+    #: The last answer; None for the baseline and a given network, which no model was asked for.
     completion: Completion | None
     #: None where the gate rejected the answer.
     admitted: Admitted | None
-    #: Of several trainings the one with the median loss; where one failed, the first failure; None of a skipped one.
+    #: Of the training, or why there is none; None of a skipped one.
     result: Training | Rejection | None
     #: Wall time of gate and training; for people, never for the ledger.
     seconds: float
-    #: Processor time of the trainings, 0 of those that were recalled; for people, too.
+    #: Processor time of the training, 0 of one that was recalled; for people, too.
     cpu_seconds: float
     #: The answers before it, each of them sent back with the gate's reason.
     attempts: tuple[Attempt, ...] = ()
-    #: Number of the training seed that the result is of.
-    seed: int = 0
-    #: The trainings by the numbers of their seeds, in order; none where one failed.
-    trainings: Mapping[int, Training] = field(default_factory=dict)
-    #: What names each training in its store, by the number of its seed; none where the gate rejected the answer.
-    keys: Mapping[int, str] = field(default_factory=dict)
+    #: What names the training in its store; None where nothing was trained.
+    evaluation: str | None = None
 
     @property
     def completions(self) -> tuple[Completion, ...]:
@@ -97,28 +88,24 @@ class Outcome:
 
 
 def develop(
-    proposals: Sequence[Job],
+    proposals: Sequence[Proposal],
     effects: Effects,
     *,
     repairs: int,
-    seeds: int,
-    rule: FitnessRule,
     skips: Callable[[Admitted], bool] = lambda admitted: False,
 ) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
     All requests are made at once, and each answer goes through the gate as soon as it arrives. Of the admitted
     candidates that wait, the one with most FLOPs is trained first, so that a generation does not end with one worker at
-    a long training and the others idle; equal sources are trained once with each seed. What the gate rejected is sent
-    back together when the gate is done, up to `repairs` times. A candidate is trained with the first `seeds` seeds, an
-    elite with the next ones; of several, the one of the median fitness stands for it. An answer of the model that
-    `skips` names is not trained.
+    a long training and the others idle; equal sources are trained once. What the gate rejected is sent back together
+    when the gate is done, up to `repairs` times. An answer of the model that `skips` names is not trained.
 
     Raises:
         LLMError: a request failed after all retries.
         SandboxError: the sandbox is broken.
     """
-    trainings = _Trainings(effects, range(seeds), skips)
+    trainings = _Trainings(effects, skips)
     judged: dict[int, Future[_Slot]] = {}
     asked: dict[int, _Slot] = {}
     for index, proposal in enumerate(proposals):
@@ -135,7 +122,7 @@ def develop(
         for index, completion in _answers(asked, effects.llm):
             judged[index] = effects.executor.submit(_judge, asked[index], completion, effects, trainings)
     for index in range(len(proposals)):
-        yield _outcome(judged[index].result(), effects.evaluation_key, rule)
+        yield _outcome(judged[index].result(), effects.evaluation_key)
 
 
 def _answers(asked: Mapping[int, "_Slot"], llm: LLM) -> Iterator[tuple[int, Completion]]:
@@ -155,7 +142,7 @@ def _answers(asked: Mapping[int, "_Slot"], llm: LLM) -> Iterator[tuple[int, Comp
         raise
 
 
-def _name_slot(error: CacheMissError, proposal: Job) -> None:
+def _name_slot(error: CacheMissError, proposal: Proposal) -> None:
     error.place = f"generation {proposal.generation}, slot {proposal.slot}, {error.place}"
 
 
@@ -181,57 +168,50 @@ class _Trained(NamedTuple):
 
 
 class _Trainings:
-    """The trainings of a generation: each source and seed once; of those that wait, the one with most FLOPs first."""
+    """The trainings of a generation: each source once; of those that wait, the one with most FLOPs first."""
 
-    def __init__(self, effects: Effects, seeds: Sequence[int], skips: Callable[[Admitted], bool]) -> None:
+    def __init__(self, effects: Effects, skips: Callable[[Admitted], bool]) -> None:
         self._effects = effects
-        self._first = seeds
         self._skips = skips
         self._lock = threading.Lock()
-        self._known: dict[tuple[str, int], Future[_Trained]] = {}
-        #: A heap of what no worker has begun: FLOPs, negative; a number that decides ties; source and seed.
-        self._waiting: list[tuple[int, int, tuple[str, int]]] = []
+        self._known: dict[str, Future[_Trained]] = {}
+        #: A heap of what no worker has begun: FLOPs, negative; a number that decides ties; the source.
+        self._waiting: list[tuple[int, int, str]] = []
 
-    def add(self, admitted: Admitted, proposal: Job) -> Mapping[int, Future[_Trained]]:
-        """Have a candidate trained with its seeds; return what will come of it, by the number of the seed.
+    def add(self, admitted: Admitted, proposal: Proposal) -> Future[_Trained] | None:
+        """Have a candidate trained; return what will come of it. Equal sources share one training.
 
-        Nothing comes of a skipped one. What a user gave, and what is trained again, is not skipped.
+        Nothing comes of a skipped one. What a user gave is not skipped.
         """
         if proposal.request is not None and self._skips(admitted):
-            return {}
-        seeds = proposal.seeds if isinstance(proposal, Reevaluation) else self._first
-        return {seed: self._add(admitted, seed) for seed in seeds}
-
-    def _add(self, admitted: Admitted, seed: int) -> Future[_Trained]:
-        """Have a candidate trained with one seed; equal sources share one training."""
-        job = admitted.source, seed
+            return None
         with self._lock:
-            if job in self._known:
-                return self._known[job]
-            answer = self._known[job] = Future()
-            heapq.heappush(self._waiting, (-admitted.profile.training_flops, len(self._known), job))
+            if admitted.source in self._known:
+                return self._known[admitted.source]
+            answer = self._known[admitted.source] = Future()
+            heapq.heappush(self._waiting, (-admitted.profile.training_flops, len(self._known), admitted.source))
         self._effects.executor.submit(self._train_longest)
         return answer
 
     def _train_longest(self) -> None:
         with self._lock:
-            *_, job = heapq.heappop(self._waiting)
+            *_, source = heapq.heappop(self._waiting)
         began, spent = time.perf_counter(), self._effects.cpu_seconds()
         try:
-            result = self._effects.evaluate(*job)
+            result = self._effects.evaluate(source)
         except BaseException as error:  # who waits for the answer must raise it
-            self._known[job].set_exception(error)
+            self._known[source].set_exception(error)
         else:
             took = time.perf_counter() - began, self._effects.cpu_seconds() - spent
-            self._known[job].set_result(_Trained(result, *took))
+            self._known[source].set_result(_Trained(result, *took))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Slot:
     """How far a slot of a generation has come: what is asked, what was answered, what the gate made of it."""
 
-    proposal: Job
-    #: What a model is asked; None for the baseline, a given network and an elite.
+    proposal: Proposal
+    #: What a model is asked; None for the baseline and a given network.
     request: Request | None
     #: The answers that were sent back before.
     attempts: tuple[Attempt, ...] = ()
@@ -240,8 +220,8 @@ class _Slot:
     completion: Completion | None = None
     #: None before the gate has judged.
     gated: Admitted | Rejection | None = None
-    #: What comes of an admitted one, by the number of the training seed.
-    trainings: Mapping[int, Future[_Trained]] = field(default_factory=dict)
+    #: What comes of an admitted one; None of one that was not admitted, or is skipped.
+    training: Future[_Trained] | None = None
 
 
 def _judge(slot: _Slot, completion: Completion | None, effects: Effects, trainings: _Trainings) -> _Slot:
@@ -256,7 +236,7 @@ def _judge(slot: _Slot, completion: Completion | None, effects: Effects, trainin
         slot,
         completion=completion,
         gated=gated,
-        trainings={} if isinstance(gated, Rejection) else trainings.add(gated, slot.proposal),
+        training=None if isinstance(gated, Rejection) else trainings.add(gated, slot.proposal),
         seconds=slot.seconds + time.perf_counter() - began,
     )
 
@@ -271,47 +251,26 @@ def _gate(slot: _Slot, completion: Completion | None, effects: Effects) -> Admit
     if completion is not None:
         messages = () if slot.request is None else slot.request.messages
         return effects.admit(completion, "\n".join(message.content for message in messages if message.role == "user"))
-    if isinstance(proposal, Proposal) and proposal.operator is Operator.baseline:
+    if proposal.operator is Operator.baseline:
         return effects.inspect(proposal.source)
     return effects.measure(proposal.source)
 
 
-def _outcome(slot: _Slot, evaluation_key: Callable[[str, int], str], rule: FitnessRule) -> Outcome:
-    """Wait for the trainings of what the gate admitted."""
+def _outcome(slot: _Slot, evaluation_key: Callable[[str], str]) -> Outcome:
+    """Wait for the training of what the gate admitted."""
     try:
-        trained = {seed: training.result() for seed, training in slot.trainings.items()}
+        trained = None if slot.training is None else slot.training.result()
     except CacheMissError as error:
         _name_slot(error, slot.proposal)
         raise
-    results = {seed: training.result for seed, training in trained.items()}
-    if isinstance(slot.gated, Rejection):
-        results = {0: slot.gated}
-    trainings = {seed: result for seed, result in results.items() if isinstance(result, Training)}
-    admitted = slot.gated if isinstance(slot.gated, Admitted) else None
-    seed = _telling(results, rule) if results else 0
+    admitted, rejection = (None, slot.gated) if isinstance(slot.gated, Rejection) else (slot.gated, None)
     return Outcome(
         proposal=slot.proposal,
         completion=slot.completion,
         admitted=admitted,
-        result=results.get(seed),
-        seconds=slot.seconds + sum(training.seconds for training in trained.values()),
-        cpu_seconds=sum(training.cpu_seconds for training in trained.values()),
+        result=rejection if trained is None else trained.result,
+        seconds=slot.seconds + (0.0 if trained is None else trained.seconds),
+        cpu_seconds=0.0 if trained is None else trained.cpu_seconds,
         attempts=slot.attempts,
-        seed=seed,
-        trainings=trainings if len(trainings) == len(results) else {},
-        keys={} if admitted is None else {seed: evaluation_key(admitted.source, seed) for seed in results},
+        evaluation=None if admitted is None or trained is None else evaluation_key(admitted.source),
     )
-
-
-def _telling(results: Mapping[int, Training | Rejection], rule: FitnessRule) -> int:
-    """Return the seed whose result stands for a candidate: the first that failed, or else that of the median fitness.
-
-    A network that does not train with every seed is rejected: a median over the others would reward it for failing.
-    Of equal losses the earlier seed comes first; of an even number of trainings the upper median counts.
-    """
-    losses: list[tuple[float, int]] = []
-    for seed, result in results.items():
-        if isinstance(result, Rejection):
-            return seed
-        losses.append((rule.of(result.validation_losses), seed))
-    return sorted(losses)[len(losses) // 2][1]

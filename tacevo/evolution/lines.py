@@ -6,15 +6,13 @@ before a field existed therefore keep their bytes.
 
 import hashlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Literal, Self, TypeVar
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
 
 from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import AddStatus, AxisBounds
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
-
-T = TypeVar("T", bound="TrainedLine")
 
 #: The sampling setting that a search adapts.
 TEMPERATURE = "temperature"
@@ -43,29 +41,11 @@ class RepairedAnswer(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SeedLine(Record):
-    """One of several trainings of a candidate, each with a seed of its own."""
-
-    #: The number of its training seed.
-    seed: int
-    #: Key of the training in its store.
-    evaluation: str
-    train_losses: tuple[float, ...]
-    validation_losses: tuple[float, ...]
-    predictions: str
-    weights: str
-    not_deterministic: tuple[str, ...] = ()
-    #: On a GPU: whether its steps were recorded once and replayed.
-    captured: bool | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrainedLine(Record):
-    """What came of the trainings of a slot."""
+class CandidateLine(Record):
+    """What became of one slot of a generation."""
 
     generation: int
     slot: int
-    #: Of the candidate.
     id: str
     #: SHA-256 of the source; None where the gate rejected the candidate.
     source: str | None = None
@@ -85,24 +65,6 @@ class TrainedLine(Record):
     not_deterministic: tuple[str, ...] = ()
     #: On a GPU: whether its steps were recorded once and replayed.
     captured: bool | None = None
-    #: The number of the training seed, from 0, that evaluation, fitness, losses and digests are of: of several seeds
-    #: the one with the median loss, or the first that failed.
-    seed: int = 0
-    #: All trainings in the order of their seeds, where there are several; () of a rejected candidate.
-    seeds: tuple[SeedLine, ...] = ()
-
-    def by_seed(self) -> tuple[Self, ...]:
-        """Return a line for each training that this one records, with what is that training's."""
-        if not self.seeds:
-            return (self,)
-        names = [field.name for field in fields(SeedLine)]
-        return tuple(replace(self, **{name: getattr(one, name) for name in names}) for one in self.seeds)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CandidateLine(TrainedLine):
-    """What became of one slot of a generation that asked for a network."""
-
     operator: Operator
     parents: tuple[str, ...]
     #: Number of the instruction; None for crossovers, and where no model was asked.
@@ -125,6 +87,8 @@ class CandidateLine(TrainedLine):
     density: float | None = None
     arch_div: float | None = None
     eff_ratio: float | None = None
+    #: What the axes of the archive measured that a user brought, in their order; of a candidate that trained.
+    measures: tuple[float, ...] = ()
     #: Whether a surrogate judged it among the worst, so that it was not trained.
     skipped: bool = False
     #: What the archives did with it; None of a candidate that was rejected or skipped.
@@ -135,7 +99,7 @@ class CandidateLine(TrainedLine):
     prompt_status: AddStatus | None = None
     kind: Literal["candidate"] = "candidate"
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"skipped"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"skipped", "measures"})
 
     @property
     def sent_temperature(self) -> float | None:
@@ -155,17 +119,6 @@ class CandidateLine(TrainedLine):
     def inserted(self) -> bool:
         """Whether the network archive took the candidate when it came."""
         return self.status in {AddStatus.new, AddStatus.improved}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReevaluationLine(TrainedLine):
-    """What became of one slot of a generation that trained an elite again; `id` is the elite's."""
-
-    #: The median of all losses of its source, by which it competes from now on; None where a training of it failed.
-    estimate: float | None = None
-    #: Whether it is still the elite of its niche.
-    kept: bool = False
-    kind: Literal["reevaluation"] = "reevaluation"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -192,8 +145,6 @@ class GenerationLine(Record):
     prompt_archive: str
     #: None where no answer was sent back.
     repaired: int | None = None
-    #: Slots that trained an elite again; they are not among the candidates. None where there were none.
-    reevaluated: int | None = None
     #: Candidates whose first answer a surrogate skipped; None where there were none.
     skipped: int | None = None
     kind: Literal["generation"] = "generation"
@@ -221,7 +172,7 @@ class GateStage:
 
 
 #: What a search itself commits.
-SearchLine = CandidateLine | ReevaluationLine | GenerationLine
+SearchLine = CandidateLine | GenerationLine
 
 
 def source_hash(source: str) -> str:
@@ -229,7 +180,7 @@ def source_hash(source: str) -> str:
     return hashlib.sha256(source.encode()).hexdigest()
 
 
-def with_training(line: T, training: Training, rule: FitnessRule) -> T:
+def with_training(line: CandidateLine, training: Training, rule: FitnessRule) -> CandidateLine:
     """Return a line with what its training gave."""
     return replace(line, fitness=rule.of(training.validation_losses), **of_training(training))
 
@@ -247,40 +198,28 @@ def of_training(training: Training) -> dict[str, Any]:
 
 
 def with_result(
-    line: T,
-    result: Training | Rejection,
-    *,
-    seed: int,
-    trainings: Mapping[int, Training],
-    keys: Mapping[int, str],
-    rule: FitnessRule,
-) -> T:
-    """Return a line with what gate and training found; values are as of `tacevo.evolution.development.Outcome`."""
-    line = replace(line, seed=seed, evaluation=keys.get(seed))
+    line: CandidateLine, result: Training | Rejection, *, evaluation: str | None, rule: FitnessRule
+) -> CandidateLine:
+    """Return a line with what gate and training found; `evaluation` names the training, where there was one."""
+    line = replace(line, evaluation=evaluation)
     if isinstance(result, Rejection):
         return replace(line, stage=result.stage, reason=result.reason)
-    seeds = tuple(
-        SeedLine(seed=number, evaluation=keys[number], **of_training(training))
-        for number, training in trainings.items()
-    )
-    return replace(with_training(line, result, rule), seeds=seeds if len(seeds) > 1 else ())
+    return with_training(line, result, rule)
 
 
-def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: int, seeds: int = 1) -> int:
-    """Add up the FLOPs of trainings: forward FLOPs of one image x images x epochs x seeds, each network once.
+def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: int) -> int:
+    """Add up the FLOPs of trainings: forward FLOPs of one image x images x epochs, each network once.
 
     The backward pass is not counted: a training takes about three times as many, whatever the network. A network that
     comes again is recalled and not trained again.
 
     Args:
         trained: what names a network (its source, or the hash of it), and the forward FLOPs that its probe counted for
-            one image in training mode, >= 0. An elite that is trained again with other seeds has another name each
-            time. Trainings that failed are not among them: where they stopped is not known.
+            one image in training mode, >= 0. Trainings that failed are not among them: where they stopped is not known.
         images: of the training split, in every epoch.
         epochs: of every training.
-        seeds: trainings of a network.
     """
-    return images * epochs * seeds * sum(dict(trained).values())
+    return images * epochs * sum(dict(trained).values())
 
 
 def trained_networks(lines: Iterable[CandidateLine]) -> list[tuple[str, int]]:

@@ -10,10 +10,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tacevo.choices import PromptPolicy
 from tacevo.evolution.archive import AddStatus, Archive, Elite, Growing, Point, Tessellation, insert
+from tacevo.parts import PromptHistory, Trial
 from tacevo.records import ChatMessage, Contract, Reason, Rejection, Request, to_json
-from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
 
 #: What is asked for where a network has no parent.
@@ -22,10 +21,6 @@ SAMPLING = "Draw a network at random."
 #: Rejections that no further turn can mend.
 _NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long})
 
-
-#: The policy `effect`: children that its prior belief in no effect weighs as much as, how far the weights follow an
-#: effect, and their ends, so that every instruction stays within reach. Our own, as the policy is.
-_PRIOR, _STRENGTH, _LEAST, _MOST = 5, 4.0, 0.1, 10.0
 
 #: The change of the logarithm of a loss that a child counts as which does not train.
 FAILED = 1.0
@@ -40,27 +35,20 @@ def curiosity(fitness: float, *, inserted: bool) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trial:
-    """One prompt configuration s = (prompt, T_g) and what came of it."""
-
-    #: Index into the task's instructions.
-    prompt: int
-    #: T_g, the generation's temperature without a request's noise.
-    temperature: float
-    #: r(s): whether the child was inserted into the network archive.
-    inserted: bool
-    curiosity: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PromptArchive:
     """A_P: a CVT archive over (prompt index, temperature) in which trials compete by r."""
 
     archive: Archive = field(default_factory=Archive)
     #: The trials that the archive's elites name, by niche.
     trials: Growing[int, Trial] = field(default_factory=Growing)
-    #: By instruction, with the policy `effect`: its children, and the sum of the changes of the loss's logarithm.
+    #: By instruction: its children, and the sum of the changes of the loss's logarithm.
     changes: Growing[int, tuple[int, float]] = field(default_factory=Growing)
+
+    @property
+    def history(self) -> PromptHistory:
+        """What draws of instructions look at."""
+        trials = tuple(self.trials[niche] for niche in sorted(self.trials))
+        return PromptHistory(trials=trials, changes=self.changes)
 
     @property
     def digest(self) -> str:
@@ -101,45 +89,6 @@ def draw_pool(prompts: int, size: int | None, rng: np.random.Generator) -> tuple
     if size is None:
         return tuple(left)
     return tuple(sorted(left.pop(int(rng.integers(len(left)))) for _ in range(size)))
-
-
-def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, pool: Sequence[int], rng: np.random.Generator) -> int:
-    """Draw the instruction of one request from the pool of its generation.
-
-    `uniform` and `none`: from all of the pool alike (the paper's method section). `curiosity`: from the archive's
-    trials of instructions in the pool, in proportion to their curiosity (its abstract); an instruction without a trial
-    there weighs as much as an unproductive one, so that each stays within reach. `effect`: by `effect_weights`. While
-    there is no such trial, or child, the draw is the uniform one, so that arms of an ablation begin alike. The pool
-    holds at least one index, ascending.
-    """
-    if policy is PromptPolicy.effect and archive.changes:
-        return pool[draw_weighted(effect_weights(archive.changes, pool), rng)]
-    trials = [archive.trials[niche] for niche in sorted(archive.trials) if archive.trials[niche].prompt in pool]
-    if policy is not PromptPolicy.curiosity or not trials:
-        return pool[int(rng.integers(len(pool)))]
-    untried = sorted(set(pool) - {trial.prompt for trial in trials})
-    choices = [(trial.prompt, trial.curiosity) for trial in trials]
-    choices += [(prompt, UNPRODUCTIVE) for prompt in untried]
-    return choices[draw_weighted([weight for _, weight in choices], rng)][0]
-
-
-def effect_weights(changes: Mapping[int, tuple[int, float]], pool: Sequence[int]) -> list[float]:
-    """Weigh instructions by what they did to the loss of their children, shrunken towards the mean of all.
-
-    The effect of an instruction is the mean change of a logarithm of its n children less that of all children, times
-    n / (n + 5); its weight is exp(-4 effect), from 0.1 to 10. So one without a child weighs 1.
-
-    Args:
-        changes: children and sum of changes of each instruction that has some, by index.
-        pool: the instructions to be weighed.
-    """
-    mean = math.fsum(total for _, total in changes.values()) / sum(count for count, _ in changes.values())
-    weights = []
-    for prompt in pool:
-        count, total = changes.get(prompt, (0, 0.0))
-        effect = (total - count * mean) / (count + _PRIOR)
-        weights.append(rounded(min(max(math.exp(-_STRENGTH * effect), _LEAST), _MOST)))
-    return weights
 
 
 def draw_weighted(weights: list[float], rng: np.random.Generator) -> int:

@@ -3,38 +3,41 @@
 Pure: `plan_initial` and `plan_generation` turn the state of a search into proposals, by named random streams.
 """
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
-import numpy as np
-
-from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy, SystemTurn, TemperatureRule
+from tacevo import parts
+from tacevo.choices import OperatorScope, SystemTurn
 from tacevo.evolution.archive import Archive
 from tacevo.evolution.prompts import (
     PromptArchive,
     crossover_text,
     draw_pool,
-    draw_prompt,
-    draw_weighted,
     mutation_text,
     sample_text,
 )
+from tacevo.evolution.temperatures import clip
+from tacevo.parts import Parents, Population, Prompts
 from tacevo.randomness import derived_seed, stream
 from tacevo.records import ChatMessage, Operator, Request, Setting, Task
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """An evaluated candidate, as later generations need it."""
+    """An evaluated candidate, as later generations and parts need it (`tacevo.parts.Candidate`)."""
 
     id: str
     source: str
-    #: Validation loss; lower is better.
+    #: What it competes by; lower is better.
     fitness: float
-    #: Forward FLOPs of one image in training mode.
+    #: Its validation losses, one an epoch.
+    losses: tuple[float, ...] = ()
+    #: What it learns, and its forward FLOPs of one image in training mode.
+    parameters: int = 0
     flops: int = 0
+    #: Ids of its parents.
+    parents: tuple[str, ...] = ()
     #: The exact sum of its own curiosity and those of its mutation children, and how many these are together.
     curiosities: Fraction
     scores: int = 1
@@ -58,12 +61,8 @@ class Settings:
     seed: int
     candidates: int
     mutation_probability: float
-    parents: ParentPolicy
-    best: int
-    #: With tournaments: how many of the youngest candidates compete, and how many draws a parent wins.
-    population: int
-    tournament: int
-    prompts: PromptPolicy
+    parents: Parents
+    prompts: Prompts
     #: Half-width of the uniform noise on a request's temperature.
     jitter: float
     model: str
@@ -122,31 +121,27 @@ def plan_generation(
     task: Task,
     settings: Settings,
     *,
-    generation: int,
-    elites: Sequence[Candidate],
+    population: Population,
     prompts: PromptArchive,
     temperature: float,
 ) -> tuple[Proposal, ...]:
     """Plan one generation (paper, Algorithm 1, lines 2 to 4).
 
     One operator is drawn for the whole generation, mutation with probability p_m, else crossover; `operator_for`
-    can draw one for each slot instead. With a single elite, and where all parents are the baseline, a
-    crossover lacks its second parent, and the generation mutates. The prompt pool P_g is drawn once; each slot draws
-    from it. Without parents (`none`) every slot asks for a network at random.
+    can draw one for each slot instead. With a single candidate in the pool of parents a crossover lacks its second
+    one, and the generation mutates; an empty pool stands for the baseline. The prompt pool P_g is drawn once; each slot
+    draws from it. Without parents every slot asks for a network at random.
 
-    The generation is g >= 1, the temperature T_g. The elites are in the order of their niches, or what a control has in
-    their place (`pool_of_parents`); the proposals are in the order of their slots. Where all elites failed when
-    they were trained again, the baseline is the parent.
+    The generation is that of the population, the temperature T_g; the proposals are in the order of their slots.
     """
-    parents = elites
-    if settings.parents is ParentPolicy.baseline or not elites:
-        parents = [_founder(task)]
+    generation = population.generation
     pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
     numbers = range(settings.candidates)
     slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]
-    if settings.parents is ParentPolicy.none:
+    if not settings.parents.has_parents:
         text = sample_text(task.baseline)
         return tuple(_asking(task, settings, slot, operator=Operator.sample, parents=(), text=text) for slot in slots)
+    parents = settings.parents.pool(population) or [_founder(task)]
     return tuple(
         _mutation(task, settings, slot, parents, prompts)
         if len(parents) < 2 or _mutates(settings, slot)
@@ -155,109 +150,9 @@ def plan_generation(
     )
 
 
-def pool_of_parents(
-    policy: ParentPolicy, candidates: Mapping[str, Candidate], elites: Archive, *, population: int
-) -> Sequence[Candidate]:
-    """Return the candidates that the parents of a generation are drawn from; `draw_parents` then draws.
-
-    `trained`: all. `best_k`: the `fittest` of all, as many as there are elites. `tournament`: the last `population`
-    ones, so that a candidate leaves when it is the oldest, however fit it is (regularised evolution, Real, Aggarwal,
-    Huang and Le 2019, arXiv:1802.01548). Any other: the elites, in the order of their niches.
-
-    The candidates are all that trained, at least one, by id and in the order of their slots.
-    """
-    match policy:  # only a control looks at all candidates, which takes the longer the more there were
-        case ParentPolicy.trained:
-            return tuple(candidates.values())
-        case ParentPolicy.best_k:
-            return fittest(candidates.values(), len(elites.elites))
-        case ParentPolicy.tournament:
-            return tuple(candidates.values())[-population:]
-        case _:
-            return elites_of(candidates, elites)
-
-
 def elites_of(candidates: Mapping[str, Candidate], archive: Archive) -> tuple[Candidate, ...]:
     """Return the elites in the order of their niches."""
     return tuple(candidates[archive.elites[niche].name] for niche in sorted(archive.elites))
-
-
-def fittest(candidates: Iterable[Candidate], count: int) -> tuple[Candidate, ...]:
-    """Return the candidates of least loss, best first, at most `count`.
-
-    Of several exactly as fit only the first one counts, as in an archive without niches (`archive.TopK`): a network
-    that comes twice is one network. One that failed when it was trained again, of infinite loss, does not count.
-    """
-    first: dict[float, Candidate] = {}
-    for candidate in candidates:
-        if math.isfinite(candidate.fitness):
-            first.setdefault(candidate.fitness, candidate)
-    return tuple(first[fitness] for fitness in sorted(first)[:count])
-
-
-def draw_parents(
-    policy: ParentPolicy,
-    elites: Sequence[Candidate],
-    *,
-    number: int,
-    best: int,
-    tournament: int,
-    rng: np.random.Generator,
-) -> tuple[Candidate, ...]:
-    """Draw different elites, or members of a control's pool, as parents.
-
-    `best`: alike among the `best` fittest (at least as many as are drawn). `curiosity`: in proportion to curiosity.
-    `tournament`: the fittest of so many draws with replacement, the earlier in the pool on a tie (Real et al. 2019,
-    algorithm 1). Any other: all alike.
-
-    Raises:
-        ValueError: there are fewer elites than parents to draw.
-    """
-    if len(elites) < number:
-        raise ValueError(f"drawing {number} parents needs as many elites; got {len(elites)}")
-    pool = list(elites)
-    if policy is ParentPolicy.best:
-        pool = sorted(pool, key=lambda elite: (elite.fitness, elite.id))[: max(best, number)]
-    drawn: list[Candidate] = []
-    for _ in range(number):
-        match policy:
-            case ParentPolicy.curiosity:
-                index = draw_weighted([elite.curiosity for elite in pool], rng)
-            case ParentPolicy.tournament:
-                entrants = [int(rng.integers(len(pool))) for _ in range(tournament)]
-                index = min(entrants, key=lambda entrant: (pool[entrant].fitness, entrant))
-            case _:
-                index = int(rng.integers(len(pool)))
-        drawn.append(pool.pop(index))
-    return tuple(drawn)
-
-
-def next_temperature(
-    rule: TemperatureRule, temperature: float, *, best: float, best_before: float, step: float
-) -> float:
-    """Return the temperature of the next generation, T_{g+1}.
-
-    `paper` is the formula as printed: up when the archive best is not worse than before, else down; an archive's
-    best never gets worse, so it only ever rises, except where elites are trained again
-    (`tacevo.evolution.reevaluation`): that can take the best away. `stall` raises it only when the generation brought
-    no better best, and lowers it when it did. `fixed` leaves it alone.
-
-    The temperature is T_g, `best` and `best_before` are f*_g and f*_{g-1}, the archive's best fitness (lower is better)
-    after this generation and the one before, and `step` is eta. Temperatures and eta are in [0, 1].
-    """
-    match rule:
-        case TemperatureRule.fixed:
-            rises = 0
-        case TemperatureRule.paper:
-            rises = 1 if best <= best_before else -1
-        case TemperatureRule.stall:
-            rises = 1 if best >= best_before else -1
-    return clip(temperature + rises * step)
-
-
-def clip(temperature: float) -> float:
-    """Bring a temperature into [0, 1]; rounded to 12 decimals, so that steps of 0.05 do not gather dust."""
-    return round(min(max(temperature, 0.0), 1.0), 12)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -291,26 +186,27 @@ def _mutates(settings: Settings, slot: _Slot) -> bool:
 
 
 def _mutation(
-    task: Task, settings: Settings, slot: _Slot, elites: Sequence[Candidate], prompts: PromptArchive
+    task: Task, settings: Settings, slot: _Slot, pool: Sequence[parts.Candidate], prompts: PromptArchive
 ) -> Proposal:
-    (parent,) = parents = _parents_of(settings, slot, elites, 1)
+    (parent,) = parents = _parents_of(settings, slot, pool, 1)
     rng = stream(settings.seed, "prompt", slot.generation, slot.number)
-    prompt = draw_prompt(settings.prompts, prompts, pool=slot.prompts, rng=rng)
+    prompt = settings.prompts.draw(prompts.history, slot.prompts, rng)
     text = mutation_text(parent.source, task.instructions[prompt].text)
     return _asking(task, settings, slot, operator=Operator.mutation, parents=parents, text=text, prompt=prompt)
 
 
-def _crossover(task: Task, settings: Settings, slot: _Slot, elites: Sequence[Candidate]) -> Proposal:
-    first, second = parents = _parents_of(settings, slot, elites, 2)
+def _crossover(task: Task, settings: Settings, slot: _Slot, pool: Sequence[parts.Candidate]) -> Proposal:
+    first, second = parents = _parents_of(settings, slot, pool, 2)
     text = crossover_text(first.source, second.source, task.crossover)
     return _asking(task, settings, slot, operator=Operator.crossover, parents=parents, text=text)
 
 
-def _parents_of(settings: Settings, slot: _Slot, elites: Sequence[Candidate], number: int) -> tuple[Candidate, ...]:
-    rng = stream(settings.seed, "parents", slot.generation, slot.number)
-    return draw_parents(
-        settings.parents, elites, number=number, best=settings.best, tournament=settings.tournament, rng=rng
-    )
+def _parents_of(
+    settings: Settings, slot: _Slot, pool: Sequence[parts.Candidate], number: int
+) -> Sequence[parts.Candidate]:
+    if len(pool) == number == 1:  # such as the baseline, of which generation 0 is made
+        return pool
+    return settings.parents.draw(pool, number, stream(settings.seed, "parents", slot.generation, slot.number))
 
 
 def _asking(
@@ -319,7 +215,7 @@ def _asking(
     slot: _Slot,
     *,
     operator: Operator,
-    parents: Sequence[Candidate],
+    parents: Sequence[parts.Candidate],
     text: str,
     prompt: int | None = None,
 ) -> Proposal:

@@ -13,7 +13,7 @@ from typing import Literal, TypeVar
 
 from tacevo.errors import RunError
 from tacevo.evolution.archive import AxisBounds
-from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine, TrainedLine
+from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine
 from tacevo.records import DataFacts, Json, Operator, Record, written
 from tacevo.rules import FIRST, Rules
 from tacevo.storage.canonical import content_hash
@@ -54,13 +54,28 @@ Line = RunLine | SearchLine
 _KINDS: Mapping[str, type[Line]] = {
     "run": RunLine,
     "candidate": CandidateLine,
-    "reevaluation": ReevaluationLine,
     "generation": GenerationLine,
 }
 
 
 def line_kind(entry: Mapping[str, Json]) -> type[Line] | None:
-    """Return the class of a line that is read as JSON; None where a search writes no such line."""
+    """Return the class of a line that is read as JSON; None where a search writes no such line.
+
+    Raises:
+        RunError: a search of an earlier release wrote it, by a setting that was removed.
+    """
+    if entry.get("kind") == "reevaluation":
+        raise RunError(
+            "an elite that was trained again, by archive.kind=extract, which was removed",
+            expected="a line that this release writes",
+            remedy="set archive.kind=cvt, and call `tacevo noise` after the search",
+        )
+    if entry.get("seeds"):
+        raise RunError(
+            "a candidate of several trainings, by training.seeds, which was removed",
+            expected="a line that this release writes",
+            remedy="leave training.seeds out, and call `tacevo noise` after the search",
+        )
     return _KINDS.get(str(entry.get("kind")))
 
 
@@ -175,23 +190,19 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
     ids: set[str] = set()
     generation = 0
     for line in lines:
-        sound = True
-        if isinstance(line, TrainedLine):
-            sound = line.id in ids
         if isinstance(line, CandidateLine):
             is_known = line.prompt is None or 0 <= line.prompt < len(record.task.instructions)
             is_there = line.operator is not Operator.given or 1 <= line.slot <= len(record.task.given)
             begins = bool(ids) or line.operator is Operator.baseline
-            sound = bool(_ID.fullmatch(line.id)) and is_known and is_there and ids.issuperset(line.parents) and begins
+            if not (_ID.fullmatch(line.id) and is_known and is_there and ids.issuperset(line.parents) and begins):
+                raise RunError(
+                    f"{line.id} with an unknown parent, instruction or network, with another id, or without a baseline "
+                    "before it",
+                    place=str(place),
+                    expected="candidates that name earlier ones, and instructions and networks of the task",
+                    remedy="restore the ledger",
+                )
             ids.add(line.id)
-        if isinstance(line, TrainedLine) and not sound:
-            raise RunError(
-                f"{line.id} with an unknown parent, instruction or network, with another id, or without a baseline "
-                "before it",
-                place=str(place),
-                expected="candidates that name earlier ones, and instructions and networks of the task",
-                remedy="restore the ledger",
-            )
         if not isinstance(line, RunLine) and line.generation != generation:
             got, expected = f"a line of generation {line.generation}", f"one of generation {generation}"
             raise RunError(got, place=str(place), expected=expected, remedy="restore the ledger")

@@ -1,17 +1,17 @@
 """What a search is, what its next step depends on, and who takes its lines."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tacevo.choices import PAPER_AXES, Axis, FitnessRule, Scale, TemperatureRule
+from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.lines import SearchLine, training_flops
 from tacevo.evolution.prompts import PromptArchive
 from tacevo.evolution.proposals import Candidate, Settings
-from tacevo.evolution.reevaluation import Estimates
+from tacevo.parts import Descriptor, Temperature
 from tacevo.records import Task
 
 
@@ -21,14 +21,13 @@ class Budget:
 
     #: What the search ends at, in FLOPs as `training_flops` counts them; > 0.
     flops: float
-    #: Images in one epoch of a training, epochs of one, and trainings of a network.
+    #: Images in one epoch of a training, and epochs of one.
     images: int
     epochs: int
-    seeds: int = 1
 
     def is_spent(self, trained: Iterable[tuple[str, int]]) -> bool:
         """Return whether trainings have reached the bound; for `trained` see `training_flops`."""
-        return training_flops(trained, images=self.images, epochs=self.epochs, seeds=self.seeds) >= self.flops
+        return training_flops(trained, images=self.images, epochs=self.epochs) >= self.flops
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,24 +43,18 @@ class Plan:
     prompts: Tessellation
     #: The network archive to begin with: empty, with fixed bounds or none.
     archive: NetworkArchive
-    eff_ratio_scale: Scale
-    temperature_rule: TemperatureRule
+    #: What its axes measure, by name.
+    axes: Mapping[str, Descriptor]
+    temperature: Temperature
     temperature_start: float
-    temperature_step: float
     #: How often an answer that the gate rejected is sent back.
     repairs: int = 0
     #: What ends the search before generation G.
     budget: Budget | None = None
     #: What the fitness of a training is of its losses.
     fitness: FitnessRule = FitnessRule.last
-    #: Training seeds of a candidate, odd; its fitness is the median of theirs.
-    seeds: int = 1
-    #: How many slots of a generation train elites again instead of asking for networks, at most.
-    reevaluations: int = 0
     #: The part of the networks that a surrogate judges worst, and that are not trained, in [0, 1).
     skipped: float = 0.0
-    #: The axes of the network archive.
-    axes: tuple[Axis, ...] = PAPER_AXES
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
     names_dropped: bool = True
 
@@ -77,9 +70,7 @@ class SearchState:
     prompts: PromptArchive = field(default_factory=PromptArchive)
     #: Every evaluated candidate, by id.
     candidates: Growing[str, Candidate] = field(default_factory=Growing)
-    #: What is known of each source; empty unless elites are trained again.
-    estimates: Estimates = field(default_factory=Estimates)
-    #: f*: the best fitness of the network archive. Only an archive whose elites are trained again can lose its best.
+    #: f*: the best fitness of the network archive.
     best: float = math.inf
 
     def is_past(self, plan: Plan) -> bool:

@@ -1,7 +1,6 @@
 """The trainings whose weights are exported: which they are, what is recorded of them, and how they went again."""
 
 import re
-import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
@@ -15,7 +14,7 @@ from tacevo.config.schema import OneToMillion, RunConfig, is_a
 from tacevo.data.dataset import Dataset
 from tacevo.environment import machine, versions
 from tacevo.errors import CacheMissError, DivergenceError, RunError
-from tacevo.evolution.lines import CandidateLine, TrainedLine, of_training
+from tacevo.evolution.lines import CandidateLine, of_training
 from tacevo.randomness import derived_seed
 from tacevo.records import Mode, Record, Rejection, Training
 from tacevo.reproduce.retrain import doubts_of
@@ -86,7 +85,7 @@ class TrainingPlan:
     uncited: str
     #: The lines of the trainings that the run recorded, and those of its finished studies that follow from the stores,
     #: by key. The store may have others of its own.
-    recorded: Mapping[str, TrainedLine | Row]
+    recorded: Mapping[str, CandidateLine | Row]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,8 +136,9 @@ def design(
     rows = () if study is None else study.scores.rows
     scores = tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine))
     uncited = "" if study is None else missing or _without_predictions(run, study)
-    searched = [one for of in run.ledger.lines if isinstance(of, TrainedLine) for one in of.by_seed()]
-    recorded: dict[str, TrainedLine | Row] = {one.evaluation: one for one in searched if one.evaluation is not None}
+    recorded: dict[str, CandidateLine | Row] = {
+        one.evaluation: one for one in run.candidates if one.evaluation is not None
+    }
     for one, lacking in studies:
         recorded |= {} if lacking else {row.evaluation: row for row in one.scores.rows}
     return TrainingPlan(
@@ -251,7 +251,7 @@ def _lasts(run: RecordedRun, plan: TrainingPlan, *, twice: bool) -> float | None
     took, was = run.cpu_seconds.get(plan.line.id), run.config.training
     if took is None:
         return None
-    one = took / was.seeds * plan.config.training.epochs / was.epochs * (2 if twice else 1)
+    one = took * plan.config.training.epochs / was.epochs * (2 if twice else 1)
     rounds = -(-len(plan.seeds) // plan.config.executor.workers)
     return one * rounds + CONVERTING
 
@@ -276,7 +276,7 @@ def _train(
     key = known.key(source, seed)
     record = plan.recorded.get(key) if is_stored else None
     differing = _differing(told, weighed, plan.rules)
-    if isinstance(record, TrainedLine) and differing is not None:
+    if isinstance(record, CandidateLine) and differing is not None:
         differing = tuple(
             dict.fromkeys([*differing, *_differing_from_line(record, weighed.training, plan.config.training.fitness)])
         )
@@ -328,11 +328,9 @@ def _differing(told: FullTraining | Training | None, weighed: Weighed, rules: in
     return tuple(names)
 
 
-def _differing_from_line(line: TrainedLine, now: Training, rule: FitnessRule) -> list[str]:
+def _differing_from_line(line: CandidateLine, now: Training, rule: FitnessRule) -> list[str]:
     """Name what the ledger says otherwise; a ledger of an earlier release does not say all of it."""
-    losses = [one.validation_losses for one in line.seeds] or [now.validation_losses]
-    # Of several trainings that of the upper median stands for the candidate.
-    said = of_training(now) | {"fitness": statistics.median_high(map(rule.of, losses))}
+    said = of_training(now) | {"fitness": rule.of(now.validation_losses)}
     return [
         name
         for name in ("train_losses", "validation_losses", "predictions", "weights", "fitness")

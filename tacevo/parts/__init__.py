@@ -8,3 +8,31 @@ What decides the results of a run (parents, prompts, temperatures, archives, des
 process that searches, unless it is ours: it runs confined, its sources are recorded, and its decisions are entries of a
 store.
 """
+
+from tacevo.parts.deciding import (
+    Archive,
+    Candidate,
+    Descriptor,
+    Fitness,
+    Generation,
+    Parents,
+    Population,
+    PromptHistory,
+    Prompts,
+    Temperature,
+    Trial,
+)
+
+__all__ = [
+    "Archive",
+    "Candidate",
+    "Descriptor",
+    "Fitness",
+    "Generation",
+    "Parents",
+    "Population",
+    "PromptHistory",
+    "Prompts",
+    "Temperature",
+    "Trial",
+]

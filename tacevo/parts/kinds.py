@@ -21,6 +21,9 @@ class Kind:
     decides: bool
     #: Ours, by name: `module:attribute`.
     ours: Mapping[str, str]
+    #: The class of `tacevo.parts` that one of a user's extends, and the constants of that class which others look at.
+    base: str = ""
+    constants: tuple[str, ...] = ()
     #: The extra of tacevo that installs the libraries that one of ours needs, where `pip install tacevo` does not.
     extras: Mapping[str, str] = field(default_factory=dict)
 
@@ -86,7 +89,17 @@ PARENTS = Kind(
     does="chooses who the parents of the next candidates are",
     setting="proposals.parents",
     decides=True,
-    ours={},
+    ours={
+        "uniform": "tacevo.evolution.parents:Uniform",
+        "best": "tacevo.evolution.parents:Best",
+        "curiosity": "tacevo.evolution.parents:Curious",
+        "baseline": "tacevo.evolution.parents:Baseline",
+        "trained": "tacevo.evolution.parents:Trained",
+        "best_k": "tacevo.evolution.parents:BestK",
+        "none": "tacevo.evolution.parents:Nobody",
+    },
+    base="Parents",
+    constants=("has_parents", "crosses", "counts_elites", "chooses_pool"),
 )
 
 PROMPTS = Kind(
@@ -94,7 +107,14 @@ PROMPTS = Kind(
     does="draws the instruction of a mutation",
     setting="prompts.policy",
     decides=True,
-    ours={},
+    ours={
+        "uniform": "tacevo.evolution.instructions:Uniform",
+        "curiosity": "tacevo.evolution.instructions:Curious",
+        "effect": "tacevo.evolution.instructions:Effect",
+        "none": "tacevo.evolution.instructions:Unrecorded",
+    },
+    base="Prompts",
+    constants=("records",),
 )
 
 TEMPERATURES = Kind(
@@ -102,15 +122,25 @@ TEMPERATURES = Kind(
     does="sets the sampling temperature of the next generation",
     setting="temperature.rule",
     decides=True,
-    ours={},
+    ours={
+        "paper": "tacevo.evolution.temperatures:Paper",
+        "fixed": "tacevo.evolution.temperatures:Fixed",
+        "stall": "tacevo.evolution.temperatures:Stall",
+    },
+    base="Temperature",
 )
 
 ARCHIVES = Kind(
     name="archives",
-    does="keeps networks",
+    does="says where the niches of the network archive are",
     setting="archive.kind",
     decides=True,
-    ours={},
+    ours={
+        "cvt": "tacevo.evolution.archive:Cvt",
+        "best": "tacevo.evolution.archive:Fittest",
+    },
+    constants=("has_niches",),
+    base="Archive",
 )
 
 DESCRIPTORS = Kind(
@@ -118,7 +148,11 @@ DESCRIPTORS = Kind(
     does="measures a network for an axis of the archive",
     setting="archive.axes",
     decides=True,
-    ours={},
+    ours={
+        "arch_div": "tacevo.evolution.descriptors:ArchDiv",
+        "eff_ratio": "tacevo.evolution.descriptors:EffRatio",
+    },
+    base="Descriptor",
 )
 
 FITNESS = Kind(
@@ -127,6 +161,7 @@ FITNESS = Kind(
     setting="training.fitness",
     decides=True,
     ours={},
+    base="Fitness",
 )
 
 OUTPUTS = Kind(

@@ -6,7 +6,7 @@ Nothing is imported to list parts. One of ours is found first, so a package cann
 import importlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -101,6 +101,12 @@ def find(kind: Kind, name: str) -> Part:
 def load(kind: Kind, name: str) -> Any:
     """Find a part, and import it; errors are those of `find` and `Part.load`."""
     return find(kind, name).load()
+
+
+def of_settings(kind: Kind, name: str, settings: object) -> Any:
+    """Make one of ours: its fields are settings of these names of the group that chooses it, e.g. `proposals`."""
+    part = load(kind, name)
+    return part(**{field.name: getattr(settings, field.name) for field in fields(part)})
 
 
 def shadowed(kind: Kind) -> Sequence[Part]:

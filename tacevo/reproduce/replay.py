@@ -1,18 +1,18 @@
 """Replay: a recorded search run again from its stores alone, and compared with every line and file of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tacevo.costs import Spending, spending_on, total
 from tacevo.environment import deviations, doubting, versions
 from tacevo.errors import DivergenceError
 from tacevo.evolution.development import Outcome
-from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.run_files import NETWORKS, PROMPTS, NetworkArchiveFile
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Mode, Rejection
 from tacevo.results.run import RecordedRun
 from tacevo.rules import CORES, check_known
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.wiring import Workbench, build_plan
@@ -32,6 +32,10 @@ class Replayed:
     spending: Mapping[str, Spending]
     #: Names of the candidates' files that were compared.
     files: frozenset[str]
+    #: How many decisions each part made that a user brought, by the setting that chose it; and whether they were made
+    #: again, and not only recalled.
+    decisions: Mapping[str, int] = field(default_factory=dict)
+    trusted: bool = False
 
     @property
     def spent(self) -> Spending:
@@ -39,13 +43,14 @@ class Replayed:
         return total(self.spending.values())
 
 
-def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Replayed:
+def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None, trusts: bool = False) -> Replayed:
     """Run a recorded search again from its stores alone, and compare every line and file of it.
 
     Neither the data set nor a model nor a sandbox is used. Verdicts, profiles and trainings are recalled under the
     rules that the run recorded, which may be others than this release's.
 
-    `seen` is called with the name of every store entry that is read, from any thread.
+    `seen` is called with the name of every store entry that is read, from any thread. With `trusts`, the parts that a
+    user brought decide again, by their recorded sources in confined processes, and their decisions are compared.
 
     Raises:
         DivergenceError: something recorded differs from what the search gives.
@@ -56,15 +61,17 @@ def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rep
     for other in others:
         view.say(f"another version: {other}")
     with doubting(run.record.versions):
-        return _replay(run, view, seen)
+        stores = Stores(run.stores, seen)
+        with Decisions(stores.of("decisions", Mode.replay), trusts=trusts) as decisions:
+            return _replay(run, view, stores, decisions)
 
 
-def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
+def _replay(run: RecordedRun, view: Progress, stores: Stores, decisions: Decisions) -> Replayed:
     """Run the search again, and compare."""
     config, task, facts = run.config, run.record.task, run.record.data
-    stores = Stores(run.stores, seen)
     check_known("core", run.rules.core, CORES, run.directory.path)
-    plan = build_plan(config, task, facts, Mode.replay, stores=stores)
+    parts = Parts.of(config, decisions, run.directory.path)
+    plan = build_plan(config, task, facts, Mode.replay, stores=stores, parts=parts)
 
     ledger = Ledger(run.ledger)
     ledger.commit(run_header(config, task, facts, plan, run.rules))
@@ -81,6 +88,8 @@ def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
         lines=ledger.committed,
         spending=verifier.spending,
         files=frozenset(verifier.files),
+        decisions=decisions.counts,
+        trusted=decisions.trusts,
     )
 
 
@@ -110,8 +119,6 @@ class _Verifier(Watcher):
         Raises:
             DivergenceError: the file was edited, or is missing.
         """
-        if isinstance(outcome.proposal, Reevaluation):  # whose source is kept under the elite's name
-            return
         name = outcome.proposal.id
         self.spending[name] = spending_on(outcome.completions)
         if outcome.admitted is not None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from tacevo.choices import Device, Numerics
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
-from tacevo.evolution.lines import TrainedLine, of_training
+from tacevo.evolution.lines import CandidateLine, of_training
 from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.results.run import RecordedRun
@@ -43,7 +43,7 @@ _COMPUTING = ("torch", "numpy")
 T = TypeVar("T")
 
 #: A training with the first run that has it.
-Evaluation = tuple[RecordedRun, TrainedLine]
+Evaluation = tuple[RecordedRun, CandidateLine]
 
 
 def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Progress) -> str:
@@ -96,8 +96,8 @@ def decisive(runs: Iterable[RecordedRun]) -> set[str]:
         for study in map(StudyDirectory.read, studies_of(run.path)):
             if study.terms is not None and study.digest is not None and study.run == run.digest:
                 networks.update(network.source for network in study.networks)
-        trained = (line for line in run.ledger.lines if isinstance(line, TrainedLine) and line.source in networks)
-        keys.update(one.evaluation for line in trained for one in line.by_seed() if one.evaluation is not None)
+        trained = (line for line in run.candidates if line.source in networks)
+        keys.update(line.evaluation for line in trained if line.evaluation is not None)
     return keys
 
 
@@ -120,20 +120,18 @@ def chosen(
 def evaluations(runs: Sequence[RecordedRun]) -> list[Evaluation]:
     """List the evaluations of all runs whose outcome does not depend on the machine's speed or memory.
 
-    Each is listed once, with the first run and line that have it; of several seeds each has its own line
-    (`TrainedLine.by_seed`).
+    Each is listed once, with the first run and line that have it.
     """
     pairs: dict[str, Evaluation] = {}
     for run in runs:
         check_known("training", run.rules.training, TRAININGS, run.directory.path)
-        for line in run.ledger.lines:
-            for one in line.by_seed() if isinstance(line, TrainedLine) else ():
-                if one.evaluation is not None and one.reason not in BY_MACHINE:
-                    pairs.setdefault(one.evaluation, (run, one))
+        for line in run.candidates:
+            if line.evaluation is not None and line.reason not in BY_MACHINE:
+                pairs.setdefault(line.evaluation, (run, line))
     return list(pairs.values())
 
 
-def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, name: str) -> None:
+def _retrain(run: RecordedRun, lines: Sequence[CandidateLine], view: Progress, name: str) -> None:
     """Train candidates of one run again, by its rules, and compare; `name` stands before a candidate's id."""
     config = run.with_data
     check_confinement(config.sandbox.require)
@@ -141,22 +139,20 @@ def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, nam
     doubts = doubts_of(run.record, config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
-    jobs = [
-        (run.directory.read_source(line.id, str(line.source)), training_seed(config.seed, line.seed)) for line in lines
-    ]
+    sources = [run.directory.read_source(line.id, str(line.source)) for line in lines]
+    seed = training_seed(config.seed, 0)
     data = load_same(config, run.record.data, view)
     _check_trivial(run, trivial_of(config, run.record.task, data))
     with Workbench(config, run.record.task, data.facts, Mode.live, data=data) as bench:
         evaluator = bench.evaluator(run.rules)
-        retrained = bench.executor.map(lambda job: evaluator.retrain(*job), jobs)
+        retrained = bench.executor.map(lambda source: evaluator.retrain(source, seed), sources)
         results = zip(lines, retrained, strict=True)
         for number, (line, result) in enumerate(results, start=1):
             _check_equal(name, line, result, doubts)
-            seed = f", seed {line.seed}" if line.seed else ""
-            view.say(f"{name}{line.id}{seed}: as recorded ({number} of {len(lines)})")
+            view.say(f"{name}{line.id}: as recorded ({number} of {len(lines)})")
 
 
-def describe(lines: Sequence[TrainedLine], of: int, choice: str, did: str = "trained") -> str:
+def describe(lines: Sequence[CandidateLine], of: int, choice: str, did: str = "trained") -> str:
     """Say what was compared, for a person: these of so many evaluations, how they were chosen, and what was done."""
     trained = [line for line in lines if line.stage is None]
     lacking = [name for name in _FIELDS if any(getattr(line, name) is None for line in trained)]
@@ -178,7 +174,7 @@ def sampled(keys: Sequence[T], count: int, seed: int) -> list[T]:
     return [keys[place] for place in sorted(places.tolist())]
 
 
-def difference(line: TrainedLine, result: Training | Rejection) -> str | None:
+def difference(line: CandidateLine, result: Training | Rejection) -> str | None:
     """Name the first field in which a recomputed evaluation differs from its ledger line, with both values.
 
     Fields that the line does not have are passed over.
@@ -226,7 +222,7 @@ def _differ(what: str, recorded: object, recomputed: object) -> str:
     return f"{what}: recorded {recorded}, recomputed {recomputed}"
 
 
-def _check_equal(name: str, line: TrainedLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
+def _check_equal(name: str, line: CandidateLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
     """Raise for the first difference, with what explains it beside the candidate."""
     different = difference(line, result)
     if different is None:

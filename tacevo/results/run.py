@@ -10,7 +10,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self
 
-from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
+from tacevo.choices import PAPER_AXES, Scale
+from tacevo.config.deciding import constant
 from tacevo.config.identity import identity, task_hash
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.sources import are_grouped
@@ -23,12 +24,10 @@ from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.lines import (
     CandidateLine,
     GenerationLine,
-    ReevaluationLine,
     not_sent,
     trained_networks,
     training_flops,
 )
-from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.evolution.run_files import (
     EliteEntry,
     Line,
@@ -41,6 +40,7 @@ from tacevo.evolution.run_files import (
     read_finished,
     rules_of,
 )
+from tacevo.parts.kinds import ARCHIVES, PROMPTS
 from tacevo.records import DataFacts, to_json
 from tacevo.results.settings import read_settings
 from tacevo.results.whereabouts import found_data
@@ -49,7 +49,7 @@ from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import FinishedDirectory, RunDirectory, RunRecord
 from tacevo.storage.store import place_of
-from tacevo.text import counted, drawn, listed
+from tacevo.text import counted, listed
 
 #: How many of the best networks tables and figures look at, as the paper does.
 TOP = 4
@@ -165,11 +165,6 @@ class RecordedRun:
         return tuple(line for line in self.ledger.lines if isinstance(line, GenerationLine))
 
     @cached_property
-    def reevaluations(self) -> tuple[ReevaluationLine, ...]:
-        """The further trainings of elites, in order; none unless the search trained elites again."""
-        return tuple(line for line in self.ledger.lines if isinstance(line, ReevaluationLine))
-
-    @cached_property
     def rules(self) -> Rules:
         """What it was made under."""
         return rules_of(self.ledger.lines)
@@ -196,8 +191,8 @@ class RecordedRun:
 
     @cached_property
     def fitness(self) -> Mapping[str, float]:
-        """What the search knew of each trained candidate's fitness at its end, by id (`fitness_by_id`)."""
-        return fitness_by_id((*self.candidates, *self.reevaluations), self.config.training.fitness)
+        """The fitness of each trained candidate, by id."""
+        return {line.id: line.fitness for line in self.candidates if line.fitness is not None}
 
     @cached_property
     def spent(self) -> Mapping[str, Spending]:
@@ -214,22 +209,17 @@ class RecordedRun:
         """What its trainings took in FLOPs, as its budget counts them (`tacevo.evolution.lines.training_flops`)."""
         images, training = self.record.data.counts[0], self.config.training
         trained = trained_networks(self.candidates)
-        return training_flops(trained, images=images, epochs=training.epochs, seeds=training.seeds)
+        return training_flops(trained, images=images, epochs=training.epochs)
 
     @property
-    def seeds(self) -> int:
-        """The training seeds of a candidate, whose median loss is its fitness."""
-        return self.config.training.seeds
-
-    @property
-    def fitness_in_words(self) -> str:
-        """What a recorded fitness is."""
-        return drawn(self.seeds, or_more=self.config.archive.kind is ArchiveKind.extract)
+    def has_prompts(self) -> bool:
+        """Whether it has a prompt archive."""
+        return constant(self.config, PROMPTS, "records")
 
     @property
     def has_niches(self) -> bool:
         """Whether its network archive keeps the best of every niche, and not the best of all."""
-        return self.config.archive.kind is not ArchiveKind.best
+        return constant(self.config, ARCHIVES, "has_niches")
 
     @property
     def places(self) -> int:
@@ -326,16 +316,20 @@ def without_archives(
     return run
 
 
-def descriptors_of(candidate: CandidateLine, scale: Scale, axes: Sequence[Axis] = PAPER_AXES) -> tuple[float, ...]:
+def descriptors_of(candidate: CandidateLine, scale: Scale, axes: Sequence[str] = PAPER_AXES) -> tuple[float, ...]:
     """Return the descriptors of a trained candidate, EffRatio on a scale, shape (axes,).
 
     Raises:
         ValueError: the gate rejected the candidate, so nothing was measured.
     """
-    values = [getattr(candidate, axis) for axis in axes]
+    brought = iter(candidate.measures)
+    values: list[float | None] = [
+        getattr(candidate, axis) if axis in PAPER_AXES else next(brought, None) for axis in axes
+    ]
     if None in values:
         raise ValueError(f"{candidate.id} was not measured")
-    return tuple(on_axis(axis, value, scale) for axis, value in zip(axes, values, strict=True))
+    measured = (value for value in values if value is not None)
+    return tuple(on_axis(axis, value, scale) for axis, value in zip(axes, measured, strict=True))
 
 
 def _check_description(run: RecordedRun) -> None:

@@ -26,8 +26,8 @@ def read_config(path: Path, record: RunRecord) -> RunConfig:
     try:
         return from_plain(record.config)
     except ConfigError as error:
-        expected = "a configuration of this version"
-        raise RunError(str(error), place=f"{path}/run.json", expected=expected, remedy="restore it") from error
+        expected, remedy = "a configuration of this version", "" if error.remedy else "restore it"
+        raise RunError(str(error), place=f"{path}/run.json", expected=expected, remedy=remedy) from error
 
 
 def read_settings(directory: RunDirectory, record: RunRecord, store: str | None = None) -> RunConfig:

@@ -77,10 +77,10 @@ def check_size(header: Header, networks: int) -> None:
     trainings = MOST_OF_A_MEMBER // len(_lines([longest]))
     if networks * len(header.seeds) > trainings:
         raise ConfigError(
-            f"training.seeds={len(header.seeds)} of {counted(networks, 'network')}",
-            place="training.seeds",
+            f"{counted(len(header.seeds), 'seed')} of {counted(networks, 'network')}",
+            place="--seeds",
             expected=f"at most {counted(trainings, 'training')} of {counted(epochs, 'epoch')}, which a file can hold",
-            remedy="lower training.seeds or training.epochs",
+            remedy="lower --seeds or training.epochs",
         )
 
 

@@ -5,9 +5,9 @@ It follows from the ledger; of candidates that are alike in all that it says, al
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
 
-from tacevo.choices import ArchiveKind, FitnessRule
+from tacevo.choices import FitnessRule
+from tacevo.config.deciding import constant
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.evolution.lines import (
@@ -19,12 +19,12 @@ from tacevo.evolution.lines import (
     misreported,
     skipped_note,
 )
-from tacevo.evolution.reevaluation import fitness_by_id
+from tacevo.parts.kinds import ARCHIVES
 from tacevo.results.copies import copies
 from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import significant
-from tacevo.text import counted, drawn, in_markdown, listed, table
+from tacevo.text import counted, in_markdown, listed, table
 
 #: What the trivial loss is.
 TRIVIAL = "the least that the same answer to every validation image can have"
@@ -58,11 +58,11 @@ def _short(run: RecordedRun, write: Callable[[str], str]) -> list[str]:
     return [*above, elites, "\n".join(map(write, rates_in_words(run)))]
 
 
-#: What a fitness is of one training, and of several; `{}` is what seed it is.
+#: What a fitness is of a training; `{}` is what seed it is.
 _LOSSES = {
-    FitnessRule.last: ("loss of one {} seed", "losses of as many {} seeds"),
-    FitnessRule.lowest: ("lowest loss of one seed", "lowest losses of as many seeds"),
-    FitnessRule.mean_of_3: ("mean of 3 losses of one seed", "means of 3 losses of as many seeds"),
+    FitnessRule.last: "loss of one {} seed",
+    FitnessRule.lowest: "lowest loss of one seed",
+    FitnessRule.mean_of_3: "mean of 3 losses of one seed",
 }
 
 
@@ -78,10 +78,8 @@ def evaluated(config: RunConfig) -> str:
 
 def worth(config: RunConfig) -> str:
     """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
-    seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
-    one, several = _LOSSES[config.training.fitness]
-    losses = (one if seeds == 1 and not or_more else several).format("recorded" if is_looked_up(config) else "training")
-    return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
+    loss = _LOSSES[config.training.fitness].format("recorded" if is_looked_up(config) else "training")
+    return f"one draw, the {loss}, and the best is the lowest of many."
 
 
 def searched(run: RecordedRun) -> str:
@@ -119,18 +117,12 @@ def outcome_in_words(run: RecordedRun) -> tuple[str, str]:
 
     It is called the best only where it is one. Both are empty before a generation is complete, and without any elite.
     """
-    # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
-    lines = run.ledger.lines
-    whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
-    known = fitness_by_id(lines[:whole], run.config.training.fitness)
-    candidates = {line.id: replace(line, fitness=known.get(line.id)) for line in run.candidates}
-    ranked = sorted(
-        (candidates[elite.id] for elite in run.elites if elite.id in known), key=lambda line: (_fitness(line), line.id)
-    )
+    candidates = {line.id: line for line in run.candidates}
+    ranked = sorted((candidates[elite.id] for elite in run.elites), key=lambda line: (_fitness(line), line.id))
     if not ranked:
         return "", ""
     baseline = candidates[run.baseline.id]
-    first = min((_fitness(candidates[name]) for name in known if candidates[name].generation == 0), default=None)
+    first = min((_fitness(line) for line in run.trained if line.generation == 0), default=None)
     rows = [
         [in_markdown(line.id), _number(line.fitness), f"{line.parameters:,}", f"{line.flops:,}",
          _number(line.arch_div), _number(line.eff_ratio), line.operator]
@@ -212,7 +204,7 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
             line.id: line.not_portable for line in lines if not line.skipped
         },
         "Bits may differ from one training to the next, where an operation has no deterministic form": {
-            line.id: tuple(sorted({use for one in line.by_seed() for use in one.not_deterministic})) for line in lines
+            line.id: tuple(sorted(set(line.not_deterministic))) for line in lines
         },
     }
     named = {
@@ -223,7 +215,7 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
 
 def _eager(lines: Collection[CandidateLine]) -> list[str]:
     """Name the candidates whose steps could not be recorded on a GPU, where that was asked for."""
-    trained = [(line.id, one.captured) for line in lines for one in line.by_seed() if one.captured is not None]
+    trained = [(line.id, line.captured) for line in lines if line.captured is not None]
     eager = dict.fromkeys(id for id, captured in trained if not captured)
     if not trained:
         return []
@@ -253,7 +245,7 @@ def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
         f"`{did}` is of all slots; in generation 0 the baseline has one of them. `networks` and `prompts` are the "
         "coverage of the two archives."
     )
-    if config.archive.kind is ArchiveKind.best:
+    if not constant(config, ARCHIVES, "has_niches"):
         words += f" That of networks has no niches, but places for the best {config.archive.kept}."
     if config.search.training_flops is not None:
         counts = "what it looks up reaches" if is_looked_up(config) else "its trainings reach"

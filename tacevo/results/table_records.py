@@ -75,7 +75,10 @@ class Header(Record):
         Raises:
             ConfigError: this version does not know it.
         """
-        return from_plain(self.config)
+        training = self.config.get("training")
+        if isinstance(training, dict) and type(training.get("seeds")) is int:  # what `seeds` says, in earlier releases
+            training = {name: value for name, value in training.items() if name != "seeds"}
+        return from_plain({**self.config, "training": training})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

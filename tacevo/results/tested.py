@@ -152,6 +152,5 @@ def _offered(run: RecordedRun, study: Design) -> int:
 def _fitness(run: RecordedRun, study: Design) -> Mapping[str, float]:
     """Return what the networks of a study were chosen by."""
     if not study.chosen_by:
-        # A baseline that failed when it was trained again stands in the study by its first draw, and found nothing.
-        return {network.id: network.fitness for network in study.networks if network.id in run.fitness}
+        return {network.id: network.fitness for network in study.networks}
     return estimates_of(run.path, study.chosen_by)

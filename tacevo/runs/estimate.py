@@ -18,6 +18,7 @@ from tacevo.evolution.proposals import plan_initial
 from tacevo.llm.prices import likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Mode, Task, to_json
 from tacevo.runs.datasets import source_of
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.looked_up import table_of
 from tacevo.runs.pace import Measure, Pace, Saving, growth, measure, part_saved, training_images, trainings
 from tacevo.runs.progress import LONG, told_saving
@@ -61,7 +62,7 @@ def estimate(config: RunConfig) -> Estimate:
         StoreError: a recorded completion is damaged.
     """
     task = load_task(config, _facts(config))
-    settings = build_settings(config)
+    settings = build_settings(config, Parts.of(config, Decisions(None)))
     store = Store(Path(config.store.root), "completions", Mode.record)
     search = config.search
     planned = plan_initial(task, settings, mutations=search.initial, temperature=config.temperature.start)
@@ -244,9 +245,4 @@ def _remarks(config: RunConfig) -> Sequence[str]:
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"
     retired = prices.retirement(config.llm.name)
     gone = [] if retired is None else [f"{config.llm.model} is not served from {retired} on; set llm.model to another"]
-    trainings = []
-    if config.training.seeds > 1:
-        trainings.append(f"each admitted network is trained {config.training.seeds} times, which is not priced")
-    if again := config.archive.reevaluations(config.search.candidates):
-        trainings.append(f"up to {again} slots of each generation train an elite again and send no request")
-    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone, *trainings]
+    return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone]

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import CacheMissError, ConfigError
@@ -30,7 +29,7 @@ def table_of(config: RunConfig) -> SpaceTable:
 
     Raises:
         BundleError: as `read_table`.
-        ConfigError: the table is of other settings or rules, or of fewer epochs or seeds.
+        ConfigError: the table is of other settings or rules, or of fewer epochs.
     """
     table = read_table(Path(config.data.root or ""))
     header, made = table.header, table.header.settings
@@ -53,13 +52,9 @@ def table_of(config: RunConfig) -> SpaceTable:
             expected = f"{', '.join(map(str, sorted(known)))}, which are like those of this version"
             raise ConfigError(str(number), place=place, expected=expected, remedy=remedy)
     _check_most("training.epochs", config.training.epochs, made.training.epochs, f"the epochs of {table.path}")
-    _check_most("training.seeds", config.training.seeds, len(header.seeds), f"the seeds of {table.path}")
     if config.llm.slip_rate:
         expected = "0 with data=table, which has no networks with mistakes"
         raise ConfigError(str(config.llm.slip_rate), place="llm.slip_rate", expected=expected)
-    if config.archive.kind is ArchiveKind.extract:
-        expected = "another one with data=table, whose few seeds re-evaluations would use up"
-        raise ConfigError(config.archive.kind, place="archive.kind", expected=expected)
     return table
 
 
@@ -70,7 +65,7 @@ def check_fresh(config: RunConfig, seeds: int) -> None:
         ConfigError: it has fewer; or as `table_of`.
     """
     table = table_of(config)
-    left = len(table.header.seeds) - config.training.seeds
+    left = len(table.header.seeds) - 1
     what = f"those of the {len(table.header.seeds)} of {table.path} that the search has not seen"
     remedy = f"set seeds={left}" if left else "a noise run needs a table of more seeds, and a search in that"
     _check_most("seeds", seeds, left, what, remedy)
@@ -95,9 +90,9 @@ class LookedUp:
     @property
     def evaluator(self) -> Callable[..., Evaluator]:
         """What makes the evaluator of a search."""
-        table, seed, own = table_of(self.config), self.config.seed, self.config.training.seeds
-        numbered = [training_seed(seed, number) for number in range(own)]
-        numbered += [noise_seed(seed, number) for number in range(len(table.header.seeds) - own)]
+        table, seed = table_of(self.config), self.config.seed
+        others = len(table.header.seeds) - 1
+        numbered = [training_seed(seed, 0), *(noise_seed(seed, number) for number in range(others))]
         return partial(_LookedUp, table, numbered)
 
     def data(self, view: Progress, catalogue: Catalogue | None) -> Dataset:
@@ -138,8 +133,8 @@ class _LookedUp(Evaluator):
     """The trainings of a search, each the beginning of a recorded one.
 
     Which recorded seed stands for a training seed is drawn for each source: noise is independent between networks, and
-    equal sources share one. `numbered` are as many seeds as the table has: those of the run's trainings, and then of
-    its noise runs. They are drawn without replacement, so a re-estimate is never of a training that the search has
+    equal sources share one. `numbered` are as many seeds as the table has: that of the run's trainings, and then those
+    of its noise runs. They are drawn without replacement, so a re-estimate is never of a training that the search has
     seen. The digests are those of the whole recorded training.
     """
 

@@ -61,7 +61,7 @@ class Pace:
         A cluster is taken to have as many such machines as its workers need.
         """
         trained = growth(config) * config.training.epochs * images / self.images_per_second
-        waited = (self.start + self.gate / config.training.seeds) / self.at_once
+        waited = (self.start + self.gate) / self.at_once
         machines = 1.0 if config.executor.is_here else config.executor.workers / self.at_once
         return trainings(config) * (trained + waited) / machines
 
@@ -81,7 +81,7 @@ def growth(config: RunConfig) -> float:
 def trainings(config: RunConfig) -> int:
     """Return how many trainings a search has at most: every candidate is admitted, and no two are equal."""
     search = config.search
-    return (1 + search.initial + search.generations * search.candidates) * config.training.seeds
+    return 1 + search.initial + search.generations * search.candidates
 
 
 def training_images(config: RunConfig) -> int:

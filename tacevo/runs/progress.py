@@ -19,7 +19,7 @@ from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Operator
 from tacevo.rounding import significant
-from tacevo.text import counted, lasting, unbroken
+from tacevo.text import lasting, unbroken
 
 #: Seconds from which on a search says how long it takes.
 LONG = 600.0
@@ -222,10 +222,9 @@ class Watcher:
             self._done += 1
             self._view.advance("slots", self._done, self._total, reached)
         else:
-            again = "" if line.reevaluated is None else f", {counted(line.reevaluated, 'elite')} trained again"
             repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
             skipped = "" if line.skipped is None else f", {line.skipped} skipped"
-            trained = f": {line.trained} of {line.candidates} candidates {self._did}{repaired}{skipped}{again}"
+            trained = f": {line.trained} of {line.candidates} candidates {self._did}{repaired}{skipped}"
             did = " replayed:" if self._is_replay else f"{trained},"
             done = f"{self._done} of {self._most} slots done{self._left()}"
             self._view.say(f"generation {line.generation}{did} {reached} ({done})")

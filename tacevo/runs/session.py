@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tacevo.config.checks import doubts_of_settings
 from tacevo.config.chosen import part_of
 from tacevo.config.identity import length
 from tacevo.config.schema import RunConfig
@@ -20,7 +19,6 @@ from tacevo.environment import checked_out, machine, versions
 from tacevo.errors import ConfigError, DivergenceError, RunError, telling
 from tacevo.evolution.development import LLM, Outcome
 from tacevo.evolution.lines import GenerationLine, SearchLine
-from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.run_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.llm.recording import RecordingLLM
@@ -33,13 +31,14 @@ from tacevo.results.summary import evaluated, in_short, summarise
 from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data, trivial_of
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.doubts import doubts_of
 from tacevo.runs.local import trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.usable import UsableAnswers
-from tacevo.runs.wiring import Workbench, build_plan, check_means, started_ahead
+from tacevo.runs.wiring import Workbench, build_plan, check_means, started_ahead, stores_of
 from tacevo.sandbox.client import RunJob
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
@@ -80,7 +79,7 @@ def search(config: RunConfig, view: Progress) -> Result:
     with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)
-        for doubt in (*doubts_of_settings(config), *doubts_of(config, task, data)):
+        for doubt in doubts_of(config, task, data):
             view.say(f"warning: {doubt}")
         return record(config, task, data, view, started=started, llm=llm)
 
@@ -107,17 +106,37 @@ def record(
     run: RunJob | None = None,
     started: Any = None,
     llm: LLM | None = None,
+    parts_of: Path | None = None,
 ) -> Result:
     """Run a search into its run directory, or resume the one that was begun there.
 
     `begun` is the ledger of another run that this one continues; the search is compared with its lines as with those
-    of a stopped run. `run`, `started` and `llm` are as of `Workbench`.
+    of a stopped run. `run`, `started` and `llm` are as of `Workbench`. The sources of parts that a user brought are
+    those of the run `parts_of`, or else those that composing read.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
     """
+    with Decisions(stores_of(config).of("decisions", Mode.record)) as decisions:
+        parts = Parts.of(config, decisions, parts_of)
+        return _record(config, task, data, view, parts, begun=begun, run=run, started=started, llm=llm)
+
+
+def _record(
+    config: RunConfig,
+    task: Task,
+    data: Dataset,
+    view: Progress,
+    parts: Parts,
+    *,
+    begun: Sealed[Line] | None,
+    run: RunJob | None,
+    started: Any,
+    llm: LLM | None,
+) -> Result:
+    """Run a search, as `record` does, with the parts that decide in it."""
     facts = data.facts
-    plan = build_plan(config, task, facts, Mode.record)
+    plan = build_plan(config, task, facts, Mode.record, parts=parts)
     header = run_header(config, task, facts, plan, CURRENT)
     decisive: list[Json] = [written(header), *length(config).values()]
     directory = RunDirectory(_run_path(config, decisive))
@@ -127,6 +146,8 @@ def record(
         remove_leftovers_in_stores(Path(config.store.root))
         trivial = trivial_of(config, task, data)
         _begin(directory, config, task, facts, trivial)
+        for name, sources in parts.sources.items():
+            directory.keep_part(name, sources)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         least = "the least that the same answer to every validation image can have"
         view.say(f"trivial loss: {significant(trivial)}, {least}")
@@ -394,8 +415,6 @@ class _Recorder(Watcher):
     def developed(self, outcome: Outcome) -> None:
         """Keep a candidate's source, or why it has none, before the ledger names it."""
         super().developed(outcome)
-        if isinstance(outcome.proposal, Reevaluation):
-            return  # its source is kept under the elite's name, and nothing was asked
         self._usable.take(outcome)
         name = outcome.proposal.id
         self.elsewhere |= any(completion.elsewhere for completion in outcome.completions)

@@ -4,7 +4,6 @@ from collections import Counter
 
 from tacevo.errors import LLMError
 from tacevo.evolution.development import Outcome
-from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.records import Reason, Rejection, Stage
 from tacevo.text import counted, printable
 
@@ -32,15 +31,14 @@ class UsableAnswers:
         self._samples: dict[tuple[Stage, Reason], str] = {}
 
     def take(self, outcome: Outcome) -> None:
-        """Count what became of an answer; the baseline, given networks and elites are none."""
-        proposal = outcome.proposal
-        if outcome.completion is None or isinstance(proposal, Reevaluation):
+        """Count what became of an answer; the baseline and given networks are none."""
+        if outcome.completion is None:
             return
         self._asked += 1
         if isinstance(outcome.result, Rejection):
             why = outcome.result.stage, outcome.result.reason
             self._rejected[why] += 1
-            told = f"{proposal.id} ({printable(outcome.result.detail)})"
+            told = f"{outcome.proposal.id} ({printable(outcome.result.detail)})"
             self._samples.setdefault(why, f"{told}, which begins {_beginning(outcome.completion.text)}")
 
     def close(self, generation: int) -> str | None:

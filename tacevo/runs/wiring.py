@@ -9,13 +9,13 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn, Self
 
-from tacevo.choices import ArchiveKind, BoundsRule, Device, Numerics
+from tacevo.choices import BoundsRule, Device, Numerics
 from tacevo.config.checks import check_device
 from tacevo.config.chosen import own_settings, part_of
 from tacevo.config.schema import ArchiveConfig, NumericsConfig, RunConfig, TrainingConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
-from tacevo.evolution.archive import AxisBounds, NetworkArchive, Tessellation, TopK, find_centroids
+from tacevo.evolution.archive import AxisBounds, Cvt, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.development import LLM, Effects
 from tacevo.evolution.proposals import Settings
@@ -26,6 +26,7 @@ from tacevo.parts.kinds import EXECUTORS
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, EAGER, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import answering, examples_of, held_out_of
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.runs.seeds import training_seed
 from tacevo.sandbox.client import Died, Finished, RunJob, Score
@@ -42,30 +43,38 @@ from tacevo.typed import convert
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 
 
-def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, stores: Stores | None = None) -> Plan:
-    """Turn a configuration into the plan of a search; the centroids come from `stores`, or from the configured ones."""
+def build_plan(
+    config: RunConfig,
+    task: Task,
+    facts: DataFacts,
+    mode: Mode,
+    *,
+    stores: Stores | None = None,
+    parts: Parts | None = None,
+) -> Plan:
+    """Turn a configuration into the plan of a search; the centroids come from `stores`, or from the configured ones.
+
+    Without `parts`, decisions of those that a user brought are not kept.
+    """
+    parts = parts or Parts.of(config, Decisions(None))
     archive = config.archive
     store = (stores or stores_of(config)).of("centroids", mode)
-    bounds = _fixed_bounds(archive)
+    bounds = _fixed_bounds(archive, parts)
     return Plan(
         task=task,
-        settings=build_settings(config),
+        settings=build_settings(config, parts),
         generations=config.search.generations,
         initial=config.search.initial,
-        networks=_places(archive, store),
+        networks=_places(archive, parts, store),
         prompts=_tessellation(archive, archive.prompt_niches, 2, store),
         archive=NetworkArchive(bounds=bounds, fixed=bounds is not None),
-        eff_ratio_scale=archive.eff_ratio_scale,
-        temperature_rule=config.temperature.rule,
+        axes=parts.axes(),
+        temperature=parts.temperature(),
         temperature_start=config.temperature.start,
-        temperature_step=config.temperature.step,
         repairs=config.proposals.repair_attempts,
         skipped=config.proposals.skipped,
         budget=_budget(config, facts),
         fitness=config.training.fitness,
-        seeds=config.training.seeds,
-        reevaluations=archive.reevaluations(config.search.candidates),
-        axes=tuple(archive.axes),
     )
 
 
@@ -75,20 +84,17 @@ def _budget(config: RunConfig, facts: DataFacts) -> Budget | None:
     if flops is None:
         return None
     train, _, _ = facts.counts
-    return Budget(flops=flops, images=train, epochs=config.training.epochs, seeds=config.training.seeds)
+    return Budget(flops=flops, images=train, epochs=config.training.epochs)
 
 
-def build_settings(config: RunConfig) -> Settings:
+def build_settings(config: RunConfig, parts: Parts) -> Settings:
     """Turn a configuration into the settings of its proposals."""
     return Settings(
         seed=config.seed,
         candidates=config.search.candidates,
         mutation_probability=config.proposals.mutation_probability,
-        parents=config.proposals.parents,
-        best=config.proposals.best,
-        population=config.proposals.population,
-        tournament=config.proposals.tournament,
-        prompts=config.prompts.policy,
+        parents=parts.parents(),
+        prompts=parts.prompts(),
         jitter=config.temperature.jitter,
         model=config.llm.name,
         max_tokens=config.llm.max_tokens,
@@ -99,9 +105,9 @@ def build_settings(config: RunConfig) -> Settings:
     )
 
 
-def _fixed_bounds(archive: ArchiveConfig) -> AxisBounds | None:
+def _fixed_bounds(archive: ArchiveConfig, parts: Parts) -> AxisBounds | None:
     """Return the bounds of the network archive's axes, where the configuration has them."""
-    if archive.kind is ArchiveKind.best or archive.bounds is BoundsRule.adaptive:
+    if not parts.archive().has_niches or archive.bounds is BoundsRule.adaptive:
         return None
     scale = archive.eff_ratio_scale
     ranges = [[on_axis(axis, end, scale) for end in getattr(archive, f"{axis}_bounds")] for axis in archive.axes]
@@ -114,13 +120,14 @@ def stores_of(config: RunConfig) -> Stores:
     return Stores(Path(config.store.root))
 
 
-def _places(archive: ArchiveConfig, store: Store) -> Tessellation | TopK:
+def _places(archive: ArchiveConfig, parts: Parts, store: Store) -> Tessellation | TopK:
     """Return the network archive's niches, or the places of one that has none."""
-    match archive.kind:
-        case ArchiveKind.cvt | ArchiveKind.extract:
-            return _tessellation(archive, archive.niches, len(archive.axes), store)
-        case ArchiveKind.best:
-            return TopK(niches=archive.kept)
+    part = parts.archive()
+    if not part.has_niches:
+        return TopK(niches=archive.kept)
+    if isinstance(part, Cvt):
+        return _tessellation(archive, archive.niches, len(archive.axes), store)
+    return Tessellation(part.centroids(archive.niches, len(archive.axes)))
 
 
 def _tessellation(archive: ArchiveConfig, niches: int, dimensions: int, store: Store) -> Tessellation:
@@ -209,15 +216,15 @@ class Workbench:
     def effects(self, rules: Rules) -> Effects:
         """Return the effects of a search."""
         gate, evaluator = self.gate(rules), self.evaluator(rules)
-        seed, mode = self.config.seed, self._mode_under(rules)
+        seed, mode = training_seed(self.config.seed, 0), self._mode_under(rules)
         llm = self.llm if mode is self.mode else None
         return Effects(
             llm=llm or build_llm(self.config, mode, stores=self.stores),
             admit=gate.admit,
             inspect=gate.inspect,
             measure=gate.measure,
-            evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
-            evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
+            evaluate=lambda source: evaluator.evaluate(source, seed),
+            evaluation_key=lambda source: evaluator.key(source, seed),
             executor=self.executor,
             cpu_seconds=self.cpu_seconds,
         )

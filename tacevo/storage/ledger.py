@@ -168,7 +168,11 @@ def read_line(text: bytes, kind_of: KindOf[L_co], place: str) -> tuple[L_co, str
         RunError: it is not a line of such a ledger.
     """
     entry = parse(dict[str, UncheckedJson], text, place=place, error=RunError, remedy=_RESTORE)
-    kind = kind_of(entry)
+    try:
+        kind = kind_of(entry)
+    except RunError as error:
+        error.place = place
+        raise
     if kind is None:
         raise RunError(_brief(entry), place=place, expected="a line of a known kind", remedy=_RESTORE)
     previous, own = (str(entry.pop(name, None)) for name in ("previous", "hash"))

@@ -7,6 +7,7 @@ timings.jsonl   wall times and costs, which no ledger may hold
 archive.json    the network archive, niche by niche
 prompts.json    the prompt archive
 candidates/     the source of every admitted candidate, and the answer and the reason behind every rejected one
+parts/          the sources of the parts that a user brought and that decided
 summary.md      what was found
 NOTE.md         what readers must know, if somebody wrote it (tacevo.storage.notes)
 """
@@ -36,6 +37,9 @@ from tacevo.typed import FreeJson, parse
 
 #: A candidate's file holds its source, or the answer that was rejected.
 _ENDINGS = {".py", ".rejected.txt"}
+
+#: The directory of the sources of parts that a user brought: one for each, by its name.
+PARTS = "parts"
 
 _MAKES = "`tacevo search` makes one, and prints its name"
 
@@ -193,6 +197,28 @@ class RunDirectory:
     def keep_rejected(self, name: str, rejection: Rejection, answer: str) -> None:
         """Keep the answer behind a rejected candidate, under the reason."""
         self._keep(name, ".rejected.txt", rejected_text(rejection, answer))
+
+    def keep_part(self, name: str, sources: Mapping[str, str]) -> None:
+        """Keep the sources of a part that a user brought, by file."""
+        for file, text in sources.items():
+            path = self.path / PARTS / name / file
+            if not path.exists():
+                write_durably(path, text)
+
+    def read_part(self, name: str) -> dict[str, str] | None:
+        """Read the sources of a part that a user brought, by file in order; None where there are none."""
+        folder = self.path / PARTS / name
+        if not folder.is_dir():
+            return None
+        texts, pending = {}, [(folder, "")]
+        while pending:
+            place, prefix = pending.pop()
+            for path in place.iterdir():
+                if path.is_dir():
+                    pending.append((path, f"{prefix}{path.name}/"))
+                else:
+                    texts[f"{prefix}{path.name}"] = path.read_bytes().decode(errors="replace")
+        return {file: texts[file] for file in sorted(texts)}
 
     def read_kept(self, name: str) -> bytes | None:
         """Read a candidate's file, of either kind; None where there is none."""

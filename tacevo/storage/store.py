@@ -30,7 +30,7 @@ SCHEMA = 1
 Seen = Callable[[Path], object]
 
 #: The kinds of answers that a search keeps.
-SEARCHED = ("answers", "centroids", "completions", "evaluations", "probes")
+SEARCHED = ("answers", "centroids", "completions", "decisions", "evaluations", "probes")
 
 #: All kinds of answers: those of a search, and the full trainings of studies with the arrays that these keep.
 KINDS = (*SEARCHED, "arrays", "studies")

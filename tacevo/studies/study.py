@@ -21,7 +21,6 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.labels import units_of
 from tacevo.environment import doubting, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
-from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
 from tacevo.results.grouped import FEWEST, check_groups, images_tested
@@ -377,9 +376,7 @@ def _plan(
         networks = given_networks(run.candidates, [network.name for network in given])
     else:
         estimates = estimates_of(run.directory.path, chosen_by) if chosen_by else None
-        known = fitness_by_id(run.ledger.lines, config.training.fitness)
-        candidates = [replace(line, fitness=known.get(line.id, line.fitness)) for line in run.candidates]
-        networks = networks_of(candidates, [elite.id for elite in run.elites], elites, estimates)
+        networks = networks_of(run.candidates, [elite.id for elite in run.elites], elites, estimates)
     training = rules if terms is None else TRAININGS_OF_STUDIES.get(rules, CURRENT.training)
     header = StudyHeader(
         schema=SCHEMA,

@@ -36,8 +36,8 @@ from tacevo.text import counted, lasting
 _TOLD = 20
 
 
-def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
-    """Train every network of `llm.space` as `training` says, with `training.seeds` seeds, and write their table.
+def tabulate(config: RunConfig, target: Path, view: Progress, *, seeds: int = 1) -> SpaceTable:
+    """Train every network of `llm.space` as `training` says, with so many seeds, and write their table.
 
     Raises:
         ConfigError: the configuration has no space, its data are a table, or its trainings are too many for a file.
@@ -54,7 +54,7 @@ def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
         data = load_data(config, view)
         task = load_task(config, data.facts)
         with Workbench(config, task, data.facts, Mode.record, data=data, say=view.say, started=started) as bench:
-            header = header_of(config, task, data.facts, trivial_of(config, task, data))
+            header = header_of(config, task, data.facts, trivial_of(config, task, data), seeds=seeds)
             every = members(config, task)
             check_size(header, len(every))
             with telling(lambda: True):  # whatever has ended is in the stores
@@ -64,14 +64,16 @@ def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
     return write_table(target, header, networks, trainings)
 
 
-def header_of(config: RunConfig, task: Task, facts: DataFacts, trivial: float, *, made_up: bool = False) -> Header:
+def header_of(
+    config: RunConfig, task: Task, facts: DataFacts, trivial: float, *, seeds: int, made_up: bool = False
+) -> Header:
     """Return what the rows of a configuration's table follow from."""
     return Header(
         made_up=made_up,
         config=published_config(to_json(replace(config, executor=ExecutorConfig(kind=HERE, workers=1)))),
         task=task,
         data=facts,
-        seeds=tuple(training_seed(config.seed, number) for number in range(config.training.seeds)),
+        seeds=tuple(training_seed(config.seed, number) for number in range(seeds)),
         rules=CURRENT,
         study=STUDY,
         trivial=trivial,

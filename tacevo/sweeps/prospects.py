@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-from tacevo.config.checks import doubts_of_settings
 from tacevo.config.identity import twins, twins_of
 from tacevo.config.schema import RunConfig
 from tacevo.results.study_lines import fewest_seeds
@@ -12,7 +11,7 @@ from tacevo.text import counted
 
 
 def shortcomings(planned: Mapping[Job, RunConfig], jobs: Sequence[Job], reference: str | None) -> list[str]:
-    """Say in a sentence each which arms cannot differ, or do not act, and that there are too few seeds for any test.
+    """Say in a sentence each which arms cannot differ, and that there are too few seeds for any test.
 
     Args:
         planned: the jobs that were asked for now, with their configurations.
@@ -25,8 +24,6 @@ def shortcomings(planned: Mapping[Job, RunConfig], jobs: Sequence[Job], referenc
         "which one of them lacks; prompts=curiosity uses it"
         for one, other in pairs
     ]
-    arms = {job.arm: config for job, config in planned.items()}
-    told += [f"{arm}: {doubt}" for arm, config in arms.items() for doubt in doubts_of_settings(config)]
     untested = twins_of(reference, pairs)
     tested = dict.fromkeys(job.arm for job in jobs if job.arm not in untested)
     seeds = {arm: len({job.seed for job in jobs if job.arm == arm}) for arm in tested}

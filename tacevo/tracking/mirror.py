@@ -87,7 +87,6 @@ def _write_lines(
 ) -> str:
     """Write candidates and generations as their lines come; return the hash of the last line, empty without any."""
     last, totals, baseline = "", Totals(), None
-    rule = record.fitness_rule
     known: dict[str, Spending] = {}
     generation: list[Spending] = []
     for last, line in lines:
@@ -97,7 +96,7 @@ def _write_lines(
             generation.append(known.get(line.id, Spending()))
             baseline = line.fitness if line.operator is Operator.baseline else baseline
             params = candidate_params(line, record.task.instructions)
-            measures = (*candidate_measures(line, rule), *cost_measures(generation[-1], 0))
+            measures = (*candidate_measures(line), *cost_measures(generation[-1], 0))
             writer.write_candidate(line, last, params, measures, directory.path / "candidates" / f"{line.id}.py")
         elif isinstance(line, GenerationLine):
             spent, generation = total(generation), []

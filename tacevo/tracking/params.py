@@ -4,7 +4,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 
-from tacevo.choices import Axis, FitnessRule
+from tacevo.choices import PAPER_AXES
 from tacevo.costs import Spending, total
 from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Instruction, Json, Operator
@@ -29,14 +29,13 @@ _GENERATION_METRICS = (
     "candidates",
     "trained",
     "repaired",
-    "reevaluated",
     "skipped",
     "temperature",
 )
 
 _CANDIDATE_METRICS = (
     "fitness",
-    *Axis,
+    *PAPER_AXES,
     "entropy",
     "density",
     "variation",
@@ -47,8 +46,8 @@ _CANDIDATE_METRICS = (
 )
 
 
-#: One value of a metric: its name, the value, and the step, which is the generation of a search's metrics, the epoch or
-#: seed of a loss, and 0 of a candidate's other metrics.
+#: One value of a metric: its name, the value, and the step, which is the generation of a search's metrics, the epoch
+#: of a loss, and 0 of a candidate's other metrics.
 Point = tuple[str, float, int]
 
 
@@ -73,14 +72,13 @@ def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -
     return {key: shorten(_text(value)) for key, value in shown.items() if value is not None}
 
 
-def candidate_measures(line: CandidateLine, rule: FitnessRule) -> tuple[Point, ...]:
-    """Return a candidate's metrics: the losses of every epoch and seed, and each figure that its ledger line has."""
+def candidate_measures(line: CandidateLine) -> tuple[Point, ...]:
+    """Return a candidate's metrics: the losses of every epoch, and each figure that its ledger line has."""
     losses = [
         (key, value, epoch)
         for key, values in (("train_loss", line.train_losses), ("validation_loss", line.validation_losses))
         for epoch, value in enumerate(values or (), 1)
     ]
-    losses += [("seed_loss", rule.of(one.validation_losses), one.seed) for one in line.seeds]
     inserted = None if line.status is None else line.inserted
     return (*losses, *_measures({**_figures(line, _CANDIDATE_METRICS), "inserted": inserted}, 0))
 

@@ -21,7 +21,7 @@ WAY = Way(5, PRICE, PRICE, lambda seed: ([], 0.0))
 @pytest.fixture
 def space(place: Path) -> Space:
     """Return a space with three seeds."""
-    return Space(made_up_table(place / "table.zip", *TINY, "training.epochs=10", "training.seeds=3"))
+    return Space(made_up_table(place / "table.zip", *TINY, "training.epochs=10"))
 
 
 def test_baseline_has_the_measured_price(space: Space) -> None:

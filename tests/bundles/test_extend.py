@@ -140,7 +140,7 @@ def test_settings_of_the_machine_are_those_here_and_can_be_set() -> None:
     )
     default = compose([])
     assert (here.store, here.run, here.executor) == (default.store, default.run, default.executor)
-    assert (here.tracking.kind.value, here.llm.mode.value, here.llm.budget_usd) == ("none", "replay", 2)
+    assert (here.tracking.kind, here.llm.mode.value, here.llm.budget_usd) == ("none", "replay", 2)
     assert here.search.candidates == theirs.search.candidates
     assert continued(theirs, ["search.generations=3", "executor.workers=3"], end=1, spent=0).executor.workers == 3
 

@@ -17,7 +17,7 @@ from tacevo.cli.inspect import _sandbox
 from tacevo.cli.show import show_run
 from tacevo.config.conf_folder import conf_root
 from tacevo.errors import RunError, SandboxError
-from tacevo.evolution.lines import ReevaluationLine, RepairedAnswer
+from tacevo.evolution.lines import RepairedAnswer
 from tacevo.records import Given, Operator, Reason, Stage, to_json
 from tacevo.reproduce.bits.compare import Compared
 from tacevo.runs.answers import task_without_data
@@ -26,7 +26,7 @@ from tacevo.storage.run_directory import RunDirectory
 
 SENT_BACK = RepairedAnswer(answer="b", stage=Stage.policy, reason=Reason.forbidden_import)
 
-#: A search of every operator: its first network failed when it was trained again.
+#: A search of every operator.
 LINES = (
     trained("g00s00", 0.5),
     trained("g00s01", 0.25, operator=Operator.given, prompt=None, request=None, temperature=None, answer=None),
@@ -34,7 +34,6 @@ LINES = (
     ended(0),
     trained("g01s00", 0.3, dropped=("temperature",), repairs=(SENT_BACK,)),
     rejected("g01s01", "extract", "no_class", operator=Operator.crossover, parents=("g00s00", "g00s01"), prompt=None),
-    ReevaluationLine(generation=1, slot=2, id="g00s00", source="source 00", evaluation="again"),
     ended(1),
 )
 
@@ -54,7 +53,6 @@ def shown(tmp_path: Path) -> Path:
     ("name", "words"),
     [
         ("g00s00", "Instruction: none; this is the task's baseline"),
-        ("g00s00", "Losses of this source in the search, one for each training seed: 0.5, failed"),
         ("g00s01", "Instruction: none; this network was given, as theirs"),
         ("g00s02", "Instruction: Draw a network at random."),
         ("g00s02", "| parents | none"),

@@ -1,7 +1,7 @@
 """Promise: every shipped config composes, and a wrong setting is refused with the key as the user wrote it."""
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -60,12 +60,9 @@ ARMS = {
     "drift": {"proposals.parents"},
     "best_k": {"proposals.parents"},
     "random_sampling": {"proposals.parents", "proposals.mutation_probability"},
-    "regularised_evolution": {"proposals.parents"},
     "arch_div_only": {"archive.axes"},
     "eff_ratio_only": {"archive.axes"},
     "linear_eff_ratio": {"archive.eff_ratio_scale"},
-    "extract": {"archive.kind"},
-    "three_seeds": {"training.seeds"},
     "llm_vs_grammar": {"llm.provider", "llm.model", "llm.slip_rate"},
 }
 
@@ -384,7 +381,7 @@ def test_configuration_of_an_older_run_is_read() -> None:
     """A run.json from before there were prices, budgets, repairs and axes stands for a run without them."""
     plain: Any = to_json(composed())
     later = {"delivery", "top_p", "top_k", "stop_sequences", "thinking_tokens", "budget_usd", "prices"}
-    later |= {"repair_attempts", "operator_for", "axes", "population", "tournament", "training_flops", "skipped"}
+    later |= {"repair_attempts", "operator_for", "axes", "training_flops", "skipped"}
     older = {
         group: {key: value for key, value in settings.items() if key not in later}
         if isinstance(settings, dict)
@@ -393,6 +390,69 @@ def test_configuration_of_an_older_run_is_read() -> None:
     }
     assert set(older["llm"]) < set(plain["llm"])
     assert from_plain(older) == composed()
+
+
+#: Settings that were removed, with what they were by default, and values that were removed.
+REMOVED_SETTINGS: dict[str, Any] = {
+    "archive.reevaluated": 0.25,
+    "proposals.population": 100,
+    "proposals.tournament": 25,
+    "training.seeds": 1,
+}
+REMOVED_VALUES = ["archive.kind=extract", "proposals.parents=tournament"]
+REMOVED_CHOICES = ["archive=extract", "ablation=extract", "ablation=regularised_evolution", "ablation=three_seeds"]
+
+
+def recorded_with(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration as run.json has it, with further settings."""
+    plain: dict[str, Any] = {**to_json(composed())}
+    for key, value in settings.items():
+        group, name = key.split(".")
+        plain[group][name] = value
+    return plain
+
+
+def test_removed_setting_that_says_nothing_is_read() -> None:
+    """A run.json of a release that had it stands for the same run."""
+    assert from_plain(recorded_with(REMOVED_SETTINGS)) == composed()
+
+
+def test_size_beside_what_was_not_chosen_says_nothing() -> None:
+    """One command set the sizes of all arms of a sweep; those of the others are read."""
+    sizes = {"archive.reevaluated": 0.5, "proposals.population": 20, "proposals.tournament": 5}
+    assert from_plain(recorded_with(sizes)) == composed()
+
+
+@pytest.mark.parametrize("what", [*(f"{key}={value}" for key, value in REMOVED_SETTINGS.items()), *REMOVED_VALUES])
+def test_removed_setting_is_refused_by_name(what: str) -> None:
+    """On a command line whatever its value, with what to use instead."""
+    key, _, value = what.partition("=")
+    for override in (what, f"{key.partition('.')[0]}={{{key.partition('.')[2]}: {value}}}"):
+        with refused(ConfigError, place=key, got=key, expected="a setting of this release"):
+            composed(override)
+
+
+@pytest.mark.parametrize("what", [*REMOVED_VALUES, "training.seeds=3"])
+def test_recorded_run_that_used_what_was_removed_is_refused_by_name(what: str) -> None:
+    """It cannot be read as if it were another run."""
+    key, _, value = what.partition("=")
+    with refused(ConfigError, place=key, got=what, expected="a setting of this release"):
+        from_plain(recorded_with({key: int(value) if value.isdigit() else value}))
+
+
+@pytest.mark.parametrize("value", ["5", None, [5], True, 5.0])
+def test_removed_setting_is_not_a_place_for_other_values(value: Any) -> None:
+    """Nothing but a whole number, which it was, is passed over."""
+    with refused(ConfigError, place="proposals.population"):
+        from_plain(recorded_with({"proposals.population": value}))
+
+
+@pytest.mark.parametrize("what", REMOVED_CHOICES)
+def test_removed_choice_is_refused_by_name(what: str) -> None:
+    """Of a group of configs, or an arm."""
+    group, _, name = what.partition("=")
+    with refused(ConfigError, place=group, got=name, expected="a setting of this release"):
+        composed(what)
 
 
 @pytest.mark.parametrize("override", ["data.root=${oc.env:ABSENT}", "seed=${ABSENT}", "archive={niches: ${ABSENT:1}}"])

@@ -71,7 +71,6 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "archive.kept": [0],
     "archive.niches": [0, 20_001],
     "archive.prompt_niches": [0, 20_001],
-    "archive.reevaluated": [0.0, 1.0, -0.1, NAN],
     "archive.arch_div_bounds": [[], [0.0], [0.0, 1.0, 2.0], [1.0, 1.0], [1.0, 0.0], [NAN, 1.0], [0.0, INF]],
     "archive.eff_ratio_bounds": [[1.0, 0.0], [-INF, 0.0]],
     "temperature.start": [-0.1, 1.1, NAN],
@@ -81,15 +80,12 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "proposals.mutation_probability": [-0.1, 1.1, NAN],
     "proposals.skipped": [-0.1, 1.0, NAN],
     "proposals.best": [0],
-    "proposals.population": [0, 10_001],
-    "proposals.tournament": [0, 10_001],
     "proposals.repair_attempts": [-1],
     "training.epochs": [0],
     "training.batch_size": [1],
     "training.learning_rate": [0.0, -1.0, NAN, INF],
     "training.seconds": [0.0, NAN, INF],
     "training.memory_mib": [63],
-    "training.seeds": [-1, 0, 2],
     "gate.max_parameters": [0],
     "gate.max_flops": [0],
     "gate.max_modules": [0],
@@ -131,7 +127,6 @@ POSSIBLE: dict[str, list[Any]] = {
     "prompts.pool": [None, 1],
     "proposals.mutation_probability": [0.0, 1.0],
     "training.epochs": [1],
-    "training.seeds": [1, 3],
     "executor.workers": [1],
     "llm.base_url": [None, "http://localhost", "https://me:secret@proxy.example:8443/a/v1/", "http://[::1]:8000"],
 }
@@ -179,8 +174,8 @@ def test_ends_of_a_range_are_possible(key: str, value: Any) -> None:
             "archive.eff_ratio_bounds",
             "low > 0 with archive.eff_ratio_scale=log",
         ),
-        (["archive.axes=[]"], "archive.axes", "[arch_div,eff_ratio], [arch_div] or [eff_ratio]"),
-        (["archive.axes=[eff_ratio,arch_div]"], "archive.axes", "[arch_div,eff_ratio], [arch_div] or [eff_ratio]"),
+        (["archive.axes=[]"], "archive.axes", "one axis or more, each once"),
+        (["archive.axes=[eff_ratio,arch_div]"], "archive.axes", "one axis or more, each once"),
         (["archive.axes=[depth]"], "archive.axes.0", "'arch_div' or 'eff_ratio'"),
         (["archive.kind=best", "archive.axes=[arch_div]"], "archive.axes", "with archive.kind=best"),
         (["proposals.parents=baseline"], "proposals.mutation_probability", "1 with proposals.parents=baseline"),
@@ -253,7 +248,6 @@ DECIDES: dict[str, Any] = {
     "proposals.operator_for": "candidate",
     "proposals.skipped": 0.5,
     "training.fitness": "mean_of_3",
-    "training.seeds": 3,
     "numerics.kind": "fast",
 }
 
@@ -291,10 +285,10 @@ DECIDES_NOTHING: dict[str, Any] = {
 def test_every_setting_decides_or_does_not() -> None:
     """A new setting must be put into one of the two lists; data enter by their fingerprint, tasks by their text."""
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
+    listed |= {"parts", "code"}  # what a user brought: tests/parts
     listed |= {"llm.label"}  # which stands for the model, below
     listed |= {"llm.space"}  # which decides where there is one: tests/llm/grammar/test_space.py
-    listed |= {"archive.kept", "archive.reevaluated"}  # which decide with archive.kind=best or extract only, below
-    listed |= {"proposals.population", "proposals.tournament"}  # which decide in a tournament only, below
+    listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
     listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}
     listed |= {"training.layout", "training.captured"}
@@ -309,52 +303,13 @@ def test_setting_that_decides_enters_the_identity(key: str) -> None:
     assert canonical(identity(changed(key, DECIDES[key]))) != canonical(identity(CONFIG))
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "where", "decides"),
-    [
-        ("archive.kept", 11, "archive.kind", {"cvt": False, "best": True, "extract": False}),
-        ("archive.reevaluated", 0.5, "archive.kind", {"cvt": False, "best": False, "extract": True}),
-        ("proposals.population", 7, "proposals.parents", {"uniform": False, "tournament": True}),
-        ("proposals.tournament", 7, "proposals.parents", {"uniform": False, "tournament": True}),
-    ],
-)
-def test_setting_decides_where_it_has_an_effect_only(
-    key: str, value: Any, where: str, decides: dict[str, bool]
-) -> None:
+def test_number_of_places_decides_without_niches_only() -> None:
     """Elsewhere two runs that differ in nothing else are one."""
-    for choice, does in decides.items():
-        config = changed(where, choice)
-        assert (identity(changed(key, value, config)) != identity(config)) is does
-    told: Any = identity(changed("archive.kind", "extract"))["archive"]
-    assert (told["kind"], told["reevaluated"]) == ("extract", 0.25)  # also at its default
-
-
-def extract(candidates: int, part: float) -> RunConfig:
-    """Build a configuration whose search trains a part of its slots again."""
-    sized = changed("search.candidates", candidates)
-    return changed("archive.kind", "extract", changed("archive.reevaluated", part, sized))
-
-
-@pytest.mark.parametrize(("candidates", "part", "least"), [(10, 0.09, 0.1), (49, 0.02, 0.020409)])
-def test_less_than_a_slot_cannot_be_trained_again(candidates: int, part: float, least: float) -> None:
-    """The arm would be a copy of a search without, under another name; what the message asks for is accepted."""
-    with refused(ConfigError, place="archive.reevaluated", expected=f"at least {least:g},", got=f"{part}"):
-        extract(candidates, part)
-    assert extract(candidates, least).archive.reevaluations(candidates) == 1
-
-
-@pytest.mark.parametrize(("part", "candidates", "slots"), [(1 / 49, 49, 1), (0.29, 100, 29), (0.25, 50, 12)])
-def test_slots_are_counted_as_they_are_written(part: float, candidates: int, slots: int) -> None:
-    """A product that is a whole number but for its last bit is that number."""
-    assert extract(candidates, part).archive.reevaluations(candidates) == slots
-
-
-def test_one_candidate_a_generation_leaves_no_slot_to_train_again() -> None:
-    """The setting to change is the number of candidates."""
-    one = changed("search.candidates", 1)
-    assert one.archive.reevaluations(1) == 0
-    with refused(ConfigError, place="search.candidates", expected="at least 2", got="1"):
-        changed("archive.kind", "extract", one)
+    for kind, does in {"cvt": False, "best": True}.items():
+        config = changed("archive.kind", kind)
+        assert (identity(changed("archive.kept", 11, config)) != identity(config)) is does
+    told: Any = identity(changed("archive.kind", "best"))["archive"]
+    assert (told["kind"], told["kept"]) == ("best", 10)  # also at its default
 
 
 @pytest.mark.parametrize("key", DECIDES_WHEN_HOSTED)
@@ -376,8 +331,7 @@ def test_identity_without_later_settings_is_golden() -> None:
     told: Any = identity(CONFIG)
     assert set(told["prompts"]) == {"policy"}
     assert set(told["proposals"]) == {"mutation_probability", "parents", "best"}
-    assert not set(told["archive"]) & {"kind", "kept", "axes", "reevaluated"}
-    assert "seeds" not in told["training"]
+    assert not set(told["archive"]) & {"kind", "kept", "axes"}
 
 
 @pytest.mark.parametrize("key", DECIDES_NOTHING)

@@ -8,7 +8,7 @@ from fakes import TASK
 from refusals import refused
 from smallest import SMALLEST
 
-from tacevo.choices import ArchiveKind, Device, Numerics, Precision, PromptPolicy, SplitRule
+from tacevo.choices import Device, Numerics, Precision, SplitRule
 from tacevo.config.compose import compose, compose_elsewhere
 from tacevo.config.conf_folder import conf_root
 from tacevo.config.given import compose_given, gives_networks
@@ -58,7 +58,7 @@ def test_run_of_given_networks_keeps_all_of_them(place: Path) -> None:
     assert (study.run, study.seeds, study.epochs, study.store.root) == (None, 5, 3, "other")
     assert (run.seed, run.data.images, run.store.root, run.run.dir) == (4, 40, "other", "here")
     assert (run.search.generations, run.search.initial) == (0, 2)
-    assert (run.archive.kind, run.archive.kept, run.prompts.policy) == (ArchiveKind.best, 3, PromptPolicy.none)
+    assert (run.archive.kind, run.archive.kept, run.prompts.policy) == ("best", 3, "none")
     assert [(file.name, file.source) for file in files.values()] == [
         ("a", "class Net: pass\n"),
         ("b", "class Net: pass\n"),

@@ -10,7 +10,6 @@ from typing import Any
 import fakes
 import pytest
 
-from tacevo.choices import FitnessRule
 from tacevo.errors import LLMError, SandboxError, TransportError
 from tacevo.evolution.development import LLM, Effects, Outcome, develop
 from tacevo.evolution.proposals import Proposal
@@ -21,7 +20,7 @@ PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=
 REFUSAL = Rejection(stage=Stage.extract, reason=Reason.no_class, detail="there was no class")
 CRASH = Rejection(stage=Stage.train, reason=Reason.crashed, detail="signal 11")
 
-Evaluate = Callable[[str, int], Training | Rejection]
+Evaluate = Callable[[str], Training | Rejection]
 
 
 class FakeLLM:
@@ -59,7 +58,7 @@ def mutation(slot: int, text: str) -> Proposal:
     return Proposal(generation=0, slot=slot, operator=Operator.mutation, parents=("g00s00",), prompt=0, request=request)
 
 
-def trained(source: str, seed: int = 0) -> Training:
+def trained(source: str) -> Training:
     """Return a training whose weights tell the source."""
     return Training(train_losses=(1.0,), validation_losses=(0.5,), predictions_sha256="", weights_sha256=source)
 
@@ -86,11 +85,11 @@ def run(
             inspect=inspect,
             measure=inspect,
             evaluate=evaluate,
-            evaluation_key=lambda source, seed: source,
+            evaluation_key=str,
             executor=executor,
             cpu_seconds=lambda: 0.0,
         )
-        return list(develop(planned, effects, repairs=repairs, seeds=1, rule=FitnessRule.last))
+        return list(develop(planned, effects, repairs=repairs))
 
 
 def weights(outcomes: list[Outcome]) -> list[str]:
@@ -104,7 +103,7 @@ def test_slot_order_holds_whatever_finishes_first() -> None:
     done = {source: threading.Event() for source in order}
     finished = []
 
-    def evaluate(source: str, seed: int) -> Training:
+    def evaluate(source: str) -> Training:
         for later in order[order.index(source) + 1 :]:
             assert done[later].wait(timeout=30)
         finished.append(source)
@@ -122,7 +121,7 @@ def test_equal_sources_are_trained_once_and_keep_one_worker_only() -> None:
     """Of two workers one trains what several slots ask for, and the other goes on with the rest."""
     done, calls = threading.Event(), list[str]()
 
-    def evaluate(source: str, seed: int) -> Training:
+    def evaluate(source: str) -> Training:
         calls.append(source)
         assert source != "same" or done.wait(timeout=30)
         if source == "other":
@@ -138,7 +137,7 @@ def test_what_gate_or_training_rejects_is_a_value() -> None:
     """A refused answer reaches no trainer; a failed training was admitted and is not sent back. Others go on."""
     llm, calls = FakeLLM(), list[str]()
 
-    def evaluate(source: str, seed: int) -> Training | Rejection:
+    def evaluate(source: str) -> Training | Rejection:
         calls.append(source)
         return CRASH if source == "a" else trained(source)
 
@@ -166,7 +165,7 @@ def test_longest_that_waits_is_trained_first() -> None:
         assert asked.wait(timeout=30)
         return Admitted(source=source, profile=replace(PROFILE, flops=flops[source]))
 
-    def evaluate(source: str, seed: int) -> Training:
+    def evaluate(source: str) -> Training:
         order.append(source)
         return trained(source)
 
@@ -185,7 +184,7 @@ def test_gate_sees_what_the_model_was_asked() -> None:
 
     with ThreadPoolExecutor(1) as executor:
         effects = replace(fakes.effects(executor=executor), llm=FakeLLM(), admit=admit)
-        list(develop(proposals("a", "b"), effects, repairs=1, seeds=1, rule=FitnessRule.last))
+        list(develop(proposals("a", "b"), effects, repairs=1))
     assert {text for text, _ in seen} == {"a", "b"}
     assert all(asked.startswith(text) for text, asked in seen)
     assert len({len(asked) for _, asked in seen}) == 2
@@ -195,7 +194,7 @@ def test_gate_sees_what_the_model_was_asked() -> None:
 def test_broken_sandbox_passes_through(text: str) -> None:
     """An exception is not a verdict: it reaches the search, and every slot that waited for the same training."""
 
-    def evaluate(source: str, seed: int) -> Training:
+    def evaluate(source: str) -> Training:
         if source == text:
             raise SandboxError("the zygote is gone")
         return trained(source)

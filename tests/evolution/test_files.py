@@ -13,7 +13,7 @@ from refusals import refused
 
 from tacevo.errors import RunError
 from tacevo.evolution.algorithm import run_search
-from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine
+from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.evolution.run_files import (
     check_references,
     finished_digest,
@@ -113,13 +113,20 @@ def test_archive_that_is_not_json_is_refused(name: str, text: str | None, direct
         [candidate("g01s00")],
         [candidate("g00s00", operator=Operator.baseline), candidate("g01s00", id="../../x")],
         [candidate("g00s00", operator=Operator.baseline), candidate("g00s01", operator=Operator.given, prompt=None)],
-        [candidate("g00s00", operator=Operator.baseline), ReevaluationLine(generation=1, slot=0, id="../../x")],
     ],
 )
-def test_candidates_name_what_there_is(lines: list[CandidateLine | ReevaluationLine]) -> None:
+def test_candidates_name_what_there_is(lines: list[CandidateLine]) -> None:
     """A ledger sealed again with an unknown parent, instruction or network, no baseline, or a path as id is refused."""
     with refused(RunError, place="run", expected="candidates that name earlier ones"):
         check_references(Path("run"), run_record(), lines)
+
+
+def test_line_of_an_elite_that_was_trained_again_is_refused_by_name(directory: RunDirectory) -> None:
+    """A ledger of an earlier release names what wrote it, and what does so now."""
+    again = {"kind": "reevaluation", "generation": 1, "slot": 2, "id": "g00s00", "previous": "0", "hash": "0"}
+    directory.ledger.write_text(f"{directory.ledger.read_text()}{json.dumps(again)}\n")
+    with refused(RunError, place="ledger.jsonl, line", got="archive.kind=extract", remedy="tacevo noise"):
+        read_ledger(directory)
 
 
 @pytest.mark.parametrize("far", [10**9, -1, 0])

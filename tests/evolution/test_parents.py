@@ -1,6 +1,5 @@
 """Promise: each control draws its parents from what it says, and from nothing else."""
 
-import math
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
@@ -8,9 +7,9 @@ from fractions import Fraction
 import pytest
 from probabilities import agrees
 
-from tacevo.choices import ParentPolicy
-from tacevo.evolution.archive import Archive, Elite, insert
-from tacevo.evolution.proposals import Candidate, draw_parents, fittest, pool_of_parents
+from tacevo.evolution.parents import Baseline, Best, BestK, Curious, Trained, Uniform, fittest
+from tacevo.evolution.proposals import Candidate
+from tacevo.parts import Parents, Population
 from tacevo.randomness import stream
 
 #: Losses in the order in which the candidates came; g3 is as fit as g1.
@@ -21,7 +20,7 @@ CANDIDATES = {
     for place, loss in enumerate(LOSSES)
 }
 
-#: What `draw_parents` is tried with.
+#: What draws are tried with.
 ELITES = [
     Candidate(id=f"g00s{number:02d}", source=f"{number}", fitness=fitness, curiosities=Fraction(curiosity))
     for number, (fitness, curiosity) in enumerate([(0.3, 0.5), (0.1, 0.5), (0.2, 1.5), (0.4, 1.5)])
@@ -29,56 +28,46 @@ ELITES = [
 DRAWS = 2000
 
 
-def archive(*names: str) -> Archive:
-    """Make an archive of elites, whose niches fall from name to name."""
-    filled = Archive()
-    for niche, name in zip(range(len(names), 0, -1), names, strict=True):
-        filled, _ = insert(filled, niche, Elite(name=name, objective=-CANDIDATES[name].fitness))
-    return filled
-
-
 @pytest.mark.parametrize(
-    ("policy", "population", "names"),
+    ("policy", "names"),
     [
-        *((policy, 4, "g4 g2 g0") for policy in (ParentPolicy.uniform, ParentPolicy.best, ParentPolicy.curiosity)),
-        (ParentPolicy.trained, 4, "g0 g1 g2 g3 g4 g5"),
-        (ParentPolicy.best_k, 4, "g1 g4 g0"),
-        (ParentPolicy.tournament, 4, "g2 g3 g4 g5"),
-        (ParentPolicy.tournament, 7, "g0 g1 g2 g3 g4 g5"),
+        *((policy, "g4 g2 g0") for policy in (Uniform(), Best(best=2), Curious())),
+        (Trained(), "g0 g1 g2 g3 g4 g5"),
+        (BestK(), "g1 g4 g0"),
+        (Baseline(), ""),
     ],
 )
-def test_pool_is_that_of_the_policy(policy: ParentPolicy, population: int, names: str) -> None:
-    """Elites by niche; all; the three fittest for three elites; the youngest, of whom none leaves before it is full."""
-    pool = pool_of_parents(policy, CANDIDATES, archive("g0", "g2", "g4"), population=population)
+def test_pool_is_that_of_the_policy(policy: Parents, names: str) -> None:
+    """Elites by niche; all; the three fittest for three elites; nobody, which stands for the baseline."""
+    elites = [CANDIDATES[name] for name in ("g4", "g2", "g0")]
+    pool = policy.pool(Population(generation=1, candidates=CANDIDATES, elites=elites))
     assert " ".join(one.id for one in pool) == names
 
 
 @pytest.mark.parametrize(("count", "names"), [(1, "g1"), (5, "g1 g4 g0 g5 g2"), (6, "g1 g4 g0 g5 g2")])
 def test_fittest_are_different_ones(count: int, names: str) -> None:
-    """Best first, the first of equals, none that failed when trained again; fewer where there are no more."""
-    failed = replace(CANDIDATES["g1"], id="failed", fitness=math.inf)
-    assert " ".join(one.id for one in fittest([failed, *CANDIDATES.values()], count)) == names
+    """Best first, the first of equals; fewer where there are no more."""
+    assert " ".join(one.id for one in fittest(CANDIDATES.values(), count)) == names
 
 
 def test_more_parents_than_elites_are_refused() -> None:
     """Drawing two of one is an error."""
-    with pytest.raises(ValueError, match="drawing 2 parents needs as many elites; got 1"):
-        draw_parents(ParentPolicy.uniform, ELITES[:1], number=2, best=1, tournament=1, rng=stream(0))
+    with pytest.raises(ValueError, match="drawing 2 parents needs as many candidates; got 1"):
+        Uniform().draw(ELITES[:1], 2, stream(0))
 
 
 @pytest.mark.parametrize(
     ("policy", "shares"),
     [
-        (ParentPolicy.uniform, (1 / 4, 1 / 4, 1 / 4, 1 / 4)),
-        (ParentPolicy.best, (0, 1 / 2, 1 / 2, 0)),  # the two fittest alike
-        (ParentPolicy.tournament, (3 / 16, 7 / 16, 5 / 16, 1 / 16)),  # of two draws with replacement
-        (ParentPolicy.curiosity, (1 / 8, 1 / 8, 3 / 8, 3 / 8)),
+        (Uniform(), (1 / 4, 1 / 4, 1 / 4, 1 / 4)),
+        (Best(best=2), (0, 1 / 2, 1 / 2, 0)),  # the two fittest alike
+        (Curious(), (1 / 8, 1 / 8, 3 / 8, 3 / 8)),
     ],
 )
-def test_parents_come_as_often_as_their_policy_says(policy: ParentPolicy, shares: tuple[float, ...]) -> None:
+def test_parents_come_as_often_as_their_policy_says(policy: Parents, shares: tuple[float, ...]) -> None:
     """Alike, by fitness, or in proportion to curiosity."""
     rng = stream(0, "parents")
-    drawn = (draw_parents(policy, ELITES, number=1, best=2, tournament=2, rng=rng) for _ in range(DRAWS))
+    drawn = (policy.draw(ELITES, 1, rng) for _ in range(DRAWS))
     counts = Counter(parent.id for (parent,) in drawn)
     for elite, share in zip(ELITES, shares, strict=True):
         assert agrees(counts[elite.id], share, DRAWS) if share else elite.id not in counts
@@ -86,16 +75,8 @@ def test_parents_come_as_often_as_their_policy_says(policy: ParentPolicy, shares
 
 def test_best_are_at_least_as_many_as_are_drawn_and_ranked_by_id_on_a_tie() -> None:
     """A crossover with `best=1` takes the two fittest; the order of niches decides nothing."""
-    pair = draw_parents(ParentPolicy.best, ELITES, number=2, best=1, tournament=1, rng=stream(0))
+    pair = Best(best=1).draw(ELITES, 2, stream(0))
     assert {parent.id for parent in pair} == {"g00s01", "g00s02"}
     tied = [replace(elite, fitness=0.5) for elite in reversed(ELITES)]
-    (parent,) = draw_parents(ParentPolicy.best, tied, number=1, best=1, tournament=1, rng=stream(0))
+    (parent,) = Best(best=1).draw(tied, 1, stream(0))
     assert parent.id == "g00s00"
-
-
-def test_tie_of_a_tournament_is_won_by_the_earlier_one() -> None:
-    """The order of the pool decides, whoever is drawn first."""
-    tied = [replace(elite, fitness=0.5) for elite in ELITES[:2]]
-    for number in range(20):
-        drawn = draw_parents(ParentPolicy.tournament, tied, number=1, best=1, tournament=30, rng=stream(0, number))
-        assert drawn[0].id == "g00s00"

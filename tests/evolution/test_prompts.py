@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from probabilities import agrees
 
-from tacevo.choices import PromptPolicy
 from tacevo.evolution.archive import AddStatus, Tessellation
+from tacevo.evolution.instructions import Curious, Effect, Uniform, Unrecorded, effect_weights
 from tacevo.evolution.lines import CandidateLine
-from tacevo.evolution.prompts import PromptArchive, Trial, curiosity, draw_prompt, draw_weighted, effect_weights
+from tacevo.evolution.prompts import PromptArchive, curiosity, draw_weighted
+from tacevo.parts import Prompts, Trial
 from tacevo.randomness import stream
 
 #: Two niches, of low and of high prompt indices.
@@ -82,11 +83,11 @@ def test_last_choice_is_drawn_where_rounding_leaves_the_target_behind_all() -> N
     assert draw_weighted([0.1] * 10, Largest(np.random.PCG64(0))) == 9
 
 
-@pytest.mark.parametrize("policy", [PromptPolicy.uniform, PromptPolicy.none])
-def test_uniform_draws_do_not_look_at_the_archive(policy: PromptPolicy) -> None:
+@pytest.mark.parametrize("policy", [Uniform(), Unrecorded()])
+def test_uniform_draws_do_not_look_at_the_archive(policy: Prompts) -> None:
     """`uniform` and `none` draw from the whole library alike, with the same numbers."""
     archive = recorded(trial(1, inserted=True, score=2.0))
-    drawn = [draw_prompt(policy, archive, pool=range(4), rng=stream(0, "x", i)) for i in range(DRAWS)]
+    drawn = [policy.draw(archive.history, range(4), stream(0, "x", i)) for i in range(DRAWS)]
     assert drawn == [int(stream(0, "x", i).integers(4)) for i in range(DRAWS)]
 
 
@@ -101,7 +102,7 @@ def test_uniform_draws_do_not_look_at_the_archive(policy: PromptPolicy) -> None:
 def test_curiosity_draws_in_proportion(archive: PromptArchive, pool: int, shares: dict[int, float]) -> None:
     """Every instruction stays within reach."""
     rng = stream(0, "proportion")
-    drawn = Counter(draw_prompt(PromptPolicy.curiosity, archive, pool=range(pool), rng=rng) for _ in range(DRAWS))
+    drawn = Counter(Curious().draw(archive.history, range(pool), rng) for _ in range(DRAWS))
     assert set(drawn) == set(range(pool))
     assert all(agrees(drawn[prompt], share, DRAWS) for prompt, share in shares.items())
 
@@ -120,10 +121,10 @@ def test_effect_draws_in_proportion_and_begins_uniformly() -> None:
     learnt = PromptArchive().learning(1, -0.5).learning(3, 0.5).learning(1, -0.5)
     weights = dict(zip((1, 2, 3), effect_weights(learnt.changes, (1, 2, 3)), strict=True))
     rng = stream(0, "proportion")
-    drawn = Counter(draw_prompt(PromptPolicy.effect, learnt, pool=(1, 2, 3), rng=rng) for _ in range(DRAWS))
+    drawn = Counter(Effect().draw(learnt.history, (1, 2, 3), rng) for _ in range(DRAWS))
     assert set(drawn) == {1, 2, 3}
     assert all(agrees(drawn[prompt], weight / sum(weights.values()), DRAWS) for prompt, weight in weights.items())
-    first = [draw_prompt(PromptPolicy.effect, PromptArchive(), pool=range(4), rng=stream(0, "x", i)) for i in range(50)]
+    first = [Effect().draw(PromptArchive().history, range(4), stream(0, "x", i)) for i in range(50)]
     assert first == [int(stream(0, "x", i).integers(4)) for i in range(50)]
 
 
@@ -135,7 +136,7 @@ def test_effect_moves_the_mix_to_what_works() -> None:
         archive = PromptArchive()
         for request in range(80):
             draws = stream(search, "effect", request)
-            prompt = draw_prompt(PromptPolicy.effect, archive, pool=range(17), rng=draws)
+            prompt = Effect().draw(archive.history, range(17), draws)
             late[prompt] += request >= 40
             archive = archive.learning(prompt, effects[prompt] + 0.35 * rng.normal())
     share = {prompt: late[prompt] / late.total() for prompt in range(17)}
@@ -146,7 +147,7 @@ def test_effect_moves_the_mix_to_what_works() -> None:
 def test_a_search_learns_effects_from_its_children() -> None:
     """From every mutation, by its line and its parent's; one that did not train counts as e times worse."""
     plan = fakes.plan(generations=6)
-    plan = replace(plan, settings=replace(plan.settings, prompts=PromptPolicy.effect))
+    plan = replace(plan, settings=replace(plan.settings, prompts=Effect()))
     _, recorder = fakes.search(plan)
     fitness = {line.id: line.fitness for line in recorder.lines if isinstance(line, CandidateLine) and line.fitness}
     changes: dict[int, list[float]] = {}
@@ -155,12 +156,11 @@ def test_a_search_learns_effects_from_its_children() -> None:
             child = fitness.get(line.id)
             change = 1.0 if child is None else math.log(child / fitness[line.parents[0]])
             changes.setdefault(line.prompt, []).append(change)
+    _, uniform = fakes.search(fakes.plan(generations=6))
     learnt = recorder.states[-1].prompts.changes
     assert {prompt: count for prompt, (count, _) in learnt.items()} == {one: len(of) for one, of in changes.items()}
     assert all(total == pytest.approx(sum(changes[prompt])) for prompt, (_, total) in learnt.items())
     assert any(1.0 in of for of in changes.values())
-    _, uniform = fakes.search(fakes.plan(generations=6))
-    assert not uniform.states[-1].prompts.changes
     asked = [[(one.id, one.prompt) for one in of.lines if isinstance(one, CandidateLine)] for of in (recorder, uniform)]
     assert asked[0] != asked[1]
     assert [one for one in asked[0] if one[0] < "g01"] == [one for one in asked[1] if one[0] < "g01"]

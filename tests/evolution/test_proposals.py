@@ -16,10 +16,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from probabilities import agrees
 
-from tacevo.choices import ParentPolicy, PromptPolicy
+from tacevo.evolution import instructions, parents
 from tacevo.evolution.archive import Tessellation
-from tacevo.evolution.prompts import PromptArchive, Trial, crossover_text, mutation_text, system_prompt
+from tacevo.evolution.prompts import PromptArchive, crossover_text, mutation_text, system_prompt
 from tacevo.evolution.proposals import Candidate, Proposal, Settings, plan_generation, plan_initial
+from tacevo.parts import Population, Prompts, Trial
+from tacevo.parts.kinds import PROMPTS
+from tacevo.parts.registry import of_settings
 from tacevo.records import Contract, Instruction, Kind, Loss, Operator, Request, Task
 
 GENERATIONS = 2000
@@ -48,11 +51,8 @@ SETTINGS = Settings(
     seed=3,
     candidates=4,
     mutation_probability=0.85,
-    parents=ParentPolicy.uniform,
-    best=2,
-    population=3,
-    tournament=2,
-    prompts=PromptPolicy.uniform,
+    parents=parents.Uniform(),
+    prompts=instructions.Uniform(),
     jitter=0.1,
     model="grammar-1",
     max_tokens=4096,
@@ -60,7 +60,7 @@ SETTINGS = Settings(
 )
 ALWAYS = replace(SETTINGS, mutation_probability=1.0)
 NEVER = replace(SETTINGS, mutation_probability=0.0)
-RANDOM = replace(ALWAYS, parents=ParentPolicy.none)
+RANDOM = replace(ALWAYS, parents=parents.Nobody())
 ELITES = [
     Candidate(
         id=f"g00s{number:02d}",
@@ -87,8 +87,7 @@ def planned(
     return plan_generation(
         TASK,
         settings,
-        generation=generation,
-        elites=elites,
+        population=Population(generation=generation, candidates={one.id: one for one in elites}, elites=elites),
         prompts=prompts or PromptArchive(),
         temperature=temperature,
     )
@@ -129,7 +128,7 @@ def test_generation_zero_is_the_baseline_and_its_mutations() -> None:
     assert all(TASK.baseline.strip() in text_of(request) for request in requests_of(tuple(mutations)))
 
 
-@pytest.mark.parametrize("other", [{"prompts": PromptPolicy.curiosity, "parents": ParentPolicy.curiosity}, {"pool": 1}])
+@pytest.mark.parametrize("other", [{"prompts": instructions.Curious(), "parents": parents.Curious()}, {"pool": 1}])
 def test_generation_zero_draws_uniformly_from_the_whole_library(other: dict[str, Any]) -> None:
     """Nothing is known yet, and pools belong to the generations of Algorithm 1's loop."""
     plans = [plan_initial(TASK, one, mutations=9, temperature=0.6) for one in (SETTINGS, replace(SETTINGS, **other))]
@@ -215,12 +214,14 @@ def test_arms_share_their_random_numbers(seed: int, generation: int, p_m: float)
     def arm(**changes: Any) -> tuple[Proposal, ...]:
         return planned(replace(plain, **changes), generation=generation, prompts=productive_archive())
 
-    assert arm(prompts=PromptPolicy.none) == arm(pool=len(TASK.instructions)) == arm(candidates=9)[:4] == expected
-    assert shared(arm(prompts=PromptPolicy.curiosity)) == shared(arm(pool=1)) == shared(expected)
+    assert (
+        arm(prompts=instructions.Unrecorded()) == arm(pool=len(TASK.instructions)) == arm(candidates=9)[:4] == expected
+    )
+    assert shared(arm(prompts=instructions.Curious())) == shared(arm(pool=1)) == shared(expected)
 
 
-@pytest.mark.parametrize("policy", PromptPolicy)
-def test_generation_draws_its_instructions_from_one_pool(policy: PromptPolicy) -> None:
+@pytest.mark.parametrize("policy", [of_settings(PROMPTS, name, None) for name in PROMPTS.ours])
+def test_generation_draws_its_instructions_from_one_pool(policy: Prompts) -> None:
     """All slots of a generation, whatever their number and the policy, draw from `pool` different instructions."""
     many = replace(ALWAYS, candidates=60, prompts=policy, pool=2)
     plans = [planned(many, generation=generation, prompts=productive_archive()) for generation in range(1, 21)]
@@ -232,7 +233,7 @@ def test_generation_draws_its_instructions_from_one_pool(policy: PromptPolicy) -
 @pytest.mark.slow
 def test_curious_draw_prefers_what_is_productive_in_its_pool() -> None:
     """A pool without a productive instruction is drawn from alike; one with it yields that one more often."""
-    many = replace(ALWAYS, candidates=GENERATIONS, prompts=PromptPolicy.curiosity, pool=2)
+    many = replace(ALWAYS, candidates=GENERATIONS, prompts=instructions.Curious(), pool=2)
     shares = []
     for generation in range(1, 9):
         proposals = planned(many, generation=generation, prompts=productive_archive())

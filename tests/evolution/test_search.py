@@ -6,25 +6,30 @@ import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import fakes
 import pytest
 from checkout import GOLDEN
 from refusals import refused
 
-from tacevo.choices import ParentPolicy, PromptPolicy, TemperatureRule
 from tacevo.errors import ConfigError, DivergenceError
+from tacevo.evolution import instructions
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine, training_flops
 from tacevo.evolution.run_files import line_kind
 from tacevo.evolution.state import Budget, Plan
+from tacevo.evolution.temperatures import Paper, Stall
+from tacevo.parts import Temperature
+from tacevo.parts.kinds import PARENTS
+from tacevo.parts.registry import of_settings
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.storage.ledger import Ledger, read_lines
 
 
 def run(plan: Plan, path: Path | None = None, **changes: object) -> tuple[str, fakes.Recorder]:
     """Run a plan with losses that no seed changes; return its digest, and what an observer saw."""
-    return fakes.search(plan, path, **{"evaluate": fakes.evaluate, **changes})
+    return fakes.search(plan, path, **changes)
 
 
 def candidates(recorder: fakes.Recorder) -> list[CandidateLine]:
@@ -42,12 +47,13 @@ BUDGET = Budget(flops=1e6, images=10, epochs=2)
 
 #: Searches with parents of every kind, and with all that a generation may do beside the paper's.
 PLANS = {
-    **{parents.value: fakes.plan(generations=2, parents=parents) for parents in ParentPolicy},
+    **{
+        name: fakes.plan(generations=2, parents=of_settings(PARENTS, name, SimpleNamespace(best=2)))
+        for name in PARENTS.ours
+    },
     "budget": replace(fakes.plan(generations=9), budget=BUDGET),
     "repairs": replace(fakes.plan(), repairs=2),
-    "seeds": replace(fakes.plan(), seeds=3),
     "skipped": replace(fakes.plan(generations=8), skipped=0.5),
-    "reevaluations": replace(fakes.plan(generations=8), reevaluations=2),
 }
 
 
@@ -68,9 +74,9 @@ def test_run_killed_at_any_training_continues_to_the_same_bytes(name: str, step:
     """
     plan, whole, trainings = PLANS[name], tmp_path / "whole.jsonl", list[str]()
 
-    def counted(source: str, seed: int) -> Training | Rejection:
+    def counted(source: str) -> Training | Rejection:
         trainings.append(source)
-        return fakes.noisy(source, seed)
+        return fakes.evaluate(source)
 
     assert fakes.search(plan, whole, evaluate=counted)[0] == fakes.search(plan, whole)[0]
     for last in range(0, len(trainings), step):
@@ -118,7 +124,7 @@ def test_changed_evaluation_is_a_named_divergence(tmp_path: Path) -> None:
     path = tmp_path / "ledger.jsonl"
     run(fakes.plan(), path)
 
-    def drifting(source: str, seed: int) -> Training | Rejection:
+    def drifting(source: str) -> Training | Rejection:
         result = fakes.evaluate(source)
         return result if isinstance(result, Rejection) else replace(result, weights_sha256="2" * 64)
 
@@ -159,7 +165,7 @@ def test_rejected_candidates_change_no_archive() -> None:
         if isinstance(line, CandidateLine) and line.stage is not None:
             rejected += 1
             assert before is not None
-            assert (state.networks, state.prompts) == (before.networks, before.prompts)
+            assert (state.networks, state.prompts.trials) == (before.networks, before.prompts.trials)
             assert line.fitness is None
         before = state
     assert rejected > 3
@@ -210,15 +216,15 @@ def test_states_share_what_they_have_in_common() -> None:
     assert kept < 8e6  # bytes; 4.5 million are kept here, and 12.8 million where every state has copies of its own
 
 
-@pytest.mark.parametrize("rule", [TemperatureRule.paper, TemperatureRule.stall])
-def test_temperature_follows_the_best_of_the_archive(rule: TemperatureRule) -> None:
+@pytest.mark.parametrize("rule", [Paper(step=0.05), Stall(step=0.05)])
+def test_temperature_follows_the_best_of_the_archive(rule: Temperature) -> None:
     """It never gets worse, so the printed rule climbs by eta to 1; the other falls where it gets better."""
     _, recorder = run(fakes.plan(generations=8, rule=rule))
     lines = generations(recorder)
     assert [line.temperature for line in lines[1:]] == [line.next_temperature for line in lines[:-1]]
     for before, line in itertools.pairwise(lines):
         assert _best(line) <= _best(before)
-        falls = rule is TemperatureRule.stall and _best(line) < _best(before)
+        falls = isinstance(rule, Stall) and _best(line) < _best(before)
         assert line.next_temperature - line.temperature == pytest.approx(-0.05 if falls else 0.05)
 
 
@@ -228,7 +234,7 @@ def _best(line: GenerationLine) -> float:
 
 def test_prompt_policies_are_other_searches_or_the_same() -> None:
     """Without A_P all networks stay as they are under uniform prompts, where it only records; the abstract's do not."""
-    asked = (PromptPolicy.uniform, PromptPolicy.curiosity, PromptPolicy.none)
+    asked = (instructions.Uniform(), instructions.Curious(), instructions.Unrecorded())
     uniform, curious, none = (run(fakes.plan(generations=6, prompts=policy)) for policy in asked)
     assert none[1].states[-1].networks == uniform[1].states[-1].networks != curious[1].states[-1].networks
     assert not none[1].states[-1].prompts.trials
@@ -253,7 +259,7 @@ def test_outcomes_are_observed_before_their_line() -> None:
 def test_baseline_that_does_not_train_is_the_users_mistake() -> None:
     """A search cannot begin from nothing; the message says why the baseline failed."""
 
-    def failing(source: str, seed: int) -> Training | Rejection:
+    def failing(source: str) -> Training | Rejection:
         return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan in epoch 1")
 
     with refused(ConfigError, place="task fake", got="loss is nan in epoch 1"):

@@ -12,12 +12,11 @@ import pytest
 from sklearn.linear_model import Ridge
 from sklearn.preprocessing import StandardScaler
 
-from tacevo.choices import PromptPolicy
 from tacevo.evolution.algorithm import propose
-from tacevo.evolution.development import Job, develop
+from tacevo.evolution.development import develop
+from tacevo.evolution.instructions import Effect
 from tacevo.evolution.lines import CandidateLine, GenerationLine, gate_stages, skipped_note, source_hash
 from tacevo.evolution.proposals import Candidate
-from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.state import Plan
 from tacevo.evolution.surrogate import ALPHA, LEAST, features, fit, quantile, skips
 from tacevo.profile import Admitted
@@ -33,9 +32,9 @@ def _searched(plan: Plan, **changes: Any) -> tuple[list[CandidateLine], list[Gen
     """Search; return the lines of candidates and of generations, and the hashes of what was trained."""
     trained: list[str] = []
 
-    def spying(source: str, seed: int) -> Training | Rejection:
+    def spying(source: str) -> Training | Rejection:
         trained.append(source_hash(source))
-        return fakes.evaluate(source, seed)
+        return fakes.evaluate(source)
 
     _, recorder = fakes.search(plan, evaluate=spying, **changes)
     lines = [line for line in recorder.lines if isinstance(line, CandidateLine)]
@@ -113,16 +112,13 @@ def test_nothing_is_skipped_that_was_trained_or_before_enough_is_known() -> None
 
 
 def test_only_answers_of_the_model_are_skipped() -> None:
-    """Not the baseline, and not an elite that is trained again, however bad the surrogate takes them to be."""
-    plan = replace(PLAN, reevaluations=2)
-    _, recorder = fakes.search(plan)
+    """Not the baseline, however bad the surrogate takes it to be."""
+    _, recorder = fakes.search(PLAN)
     state = recorder.states[-1]
-    jobs: tuple[Job, ...] = (*propose(replace(state, generation=0), plan), *propose(state, plan))
-    effects = replace(fakes.effects(), evaluate=fakes.noisy)
-    outcomes = develop(jobs, effects, repairs=0, seeds=1, rule=plan.fitness, skips=lambda _: True)
+    jobs = (*propose(replace(state, generation=0), PLAN), *propose(state, PLAN))
+    outcomes = develop(jobs, fakes.effects(), repairs=0, skips=lambda _: True)
     kept = [outcome.proposal for outcome in outcomes if outcome.result is not None and outcome.admitted is not None]
-    assert [isinstance(job, Reevaluation) for job in kept] == [False, True, True]
-    assert kept[0].request is None
+    assert [job.request for job in kept] == [None]
 
 
 def test_skipped_answer_is_not_sent_back_and_a_repaired_one_can_be_skipped() -> None:
@@ -137,7 +133,7 @@ def test_skipped_answer_is_not_sent_back_and_a_repaired_one_can_be_skipped() -> 
 
 def test_instruction_is_not_blamed_for_a_skipped_child() -> None:
     """Under `effect` the archive of prompts learns of every trained or failed child, and of no other."""
-    plan = replace(PLAN, settings=replace(PLAN.settings, prompts=PromptPolicy.effect))
+    plan = replace(PLAN, settings=replace(PLAN.settings, prompts=Effect()))
     _, recorder = fakes.search(plan, evaluate=fakes.evaluate)
     pairs = list(zip(recorder.states, recorder.states[1:], recorder.lines[1:], strict=False))
     skipped = [(before, after) for before, after, line in pairs if isinstance(line, CandidateLine) and line.skipped]

@@ -30,7 +30,7 @@ import tacevo
 from tacevo.cli.app import main
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import BundleError, ConfigError, DivergenceError, RunError
-from tacevo.evolution.lines import TrainedLine
+from tacevo.evolution.lines import CandidateLine
 from tacevo.export import directory
 from tacevo.export.trainings import ExportSettings, Like, design, train
 from tacevo.parts.source import Catalogue
@@ -297,7 +297,7 @@ def test_forged_line_of_the_ledger_is_another_record(published: Path) -> None:
     recorded, view = run.recorded, Progress(Console(quiet=True))
     line = next(line for line in recorded.candidates if line.id == name)
     plan = design(recorded, line, ExportSettings(like=Like.search))
-    lines = {key: one for key, one in plan.recorded.items() if isinstance(one, TrainedLine)}
+    lines = {key: one for key, one in plan.recorded.items() if isinstance(one, CandidateLine)}
     forged = {key: replace(one, validation_losses=(0.0,)) for key, one in lines.items()}
     source = recorded.directory.read_source(name, str(line.source))
     data = load_same(recorded.config, recorded.facts, view)

@@ -234,7 +234,7 @@ def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Train
             admit=lambda completion, asked: admit(completion.text),
             inspect=admit,
             measure=admit,
-            evaluate=lambda source, seed: trainer.train(source, seconds=2),
+            evaluate=lambda source: trainer.train(source, seconds=2),
         )
         run_search(plan, effects, Ledger(), recorder)
     results = [(outcome.admitted.source, outcome.result) for outcome in recorder.outcomes if outcome.admitted]

@@ -11,11 +11,10 @@ from hand_runs import of_lines
 from ledger_lines import ended, header, rejected, run_record, trained
 from rendered import HOSTILE, skeleton
 
-from tacevo.choices import ArchiveKind
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
-from tacevo.evolution.lines import GenerationLine, ReevaluationLine, RepairedAnswer
+from tacevo.evolution.lines import GenerationLine, RepairedAnswer
 from tacevo.evolution.run_files import Line
 from tacevo.records import Operator, Reason, Stage
 from tacevo.results.run import RecordedRun
@@ -107,7 +106,7 @@ SPENT = {
 #: Runs that have something which `LINES` lack, and the words for it.
 PECULIAR: list[tuple[RecordedRun, list[str]]] = [
     (
-        run_of(*LINES, config=replace(CONFIG, archive=replace(CONFIG.archive, kind=ArchiveKind.best, kept=7))),
+        run_of(*LINES, config=replace(CONFIG, archive=replace(CONFIG.archive, kind="best", kept=7))),
         ["has no niches, but places for the best 7."],
     ),
     (
@@ -204,29 +203,6 @@ def test_run_without_a_generation_has_a_headline_only() -> None:
     page = page_of(LINES[0], elites=[])
     assert page.startswith("# force-seed3-0123abcd\n\nTask force, seed 3")
     assert "##" not in page
-
-
-AGAIN = ReevaluationLine(generation=1, slot=1, id="g00s01", source="source 01", evaluation="e", stage=Stage.train)
-
-
-def test_elite_that_failed_again_in_a_generation_that_was_stopped_is_still_listed() -> None:
-    """The archive on disk is that of the last whole generation."""
-    page = page_of(*LINES[:3], AGAIN, elites=["g00s01"])
-    assert "Best fitness 0.400 by g00s01" in page
-
-
-def test_archive_that_is_older_than_the_ledger_is_summarised() -> None:
-    """A run may be stopped between the two."""
-    lines = *LINES[:3], AGAIN, generation(1, trained=0, candidates=1, best=0.5, median=None)
-    assert "Lowest fitness 0.500 by g00s00" in page_of(*lines, elites=["g00s00", "g00s01"])
-
-
-def test_generation_0_that_failed_again_has_no_best() -> None:
-    """Nor has its baseline."""
-    failed = [replace(AGAIN, id=f"g00s0{slot}", source=f"source 0{slot}") for slot in (0, 1)]
-    later = trained("g01s00", 0.3, source="another")
-    page = page_of(*LINES[:3], later, *failed, generation(1, trained=1, candidates=1, best=0.3, median=0.3))
-    assert "Best fitness 0.300 by g01s00; the best of generation 0 has -, the baseline -." in page
 
 
 def test_best_are_ranked_by_fitness_then_id() -> None:

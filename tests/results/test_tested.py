@@ -6,7 +6,6 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-from hand_runs import altered
 from ledger_lines import score as line
 from ledger_lines import study_header
 from refusals import refused
@@ -14,7 +13,6 @@ from studies import study_of
 
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
-from tacevo.evolution.lines import ReevaluationLine
 from tacevo.records import Reason, Stage
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study import RecordedStudy
@@ -83,16 +81,6 @@ def test_every_job_has_a_value_of_as_many_networks(count: int, lacking: int, run
     assert (list(score.networks), score.lacking) == (wanted, lacking)
     assert score.value == pytest.approx(sum(medians[name] for name in wanted) / count, rel=1e-8)
     assert len(score.losses) == len(score.values) == count
-
-
-def test_baseline_without_a_fitness_takes_no_place(run: Path) -> None:
-    """A value of fewer networks would be another one, so there is none."""
-    recorded, study = read_run(run), with_third(studied(0.41, 0.4, 0.45))
-    failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=recorded.baseline.source, evaluation="e")
-    out = altered(recorded, reevaluations=(failed,))
-    assert _score(out, study, study.scores, 2).networks == ("g01s00", "g01s01")
-    with refused(RunError, expected="3 networks that trained", got="g00s00 without a fitness"):
-        _score(out, study, study.scores, 3)
 
 
 def test_study_of_fewer_networks_than_stated_is_not_the_test(run: Path) -> None:
@@ -171,16 +159,6 @@ def test_noise_run_and_study_on_other_data_are_not_the_test() -> None:
     values = {field.name: getattr(MEASURED, field.name) for field in fields(Design)}
     assert not is_stated(Design(**{**values, "terms": None}), stated)
     assert not is_stated(Design(**{**values, "other_data": (("split_seed", 7),)}), stated)
-
-
-def test_baseline_that_failed_later_in_the_search_found_nothing(run: Path) -> None:
-    """Its first draw stands in the study, and would be the best; without an elite there is nothing to score."""
-    recorded, study = read_run(run), studied(0.3, 0.4, 0.45)
-    failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=recorded.baseline.source, evaluation="e")
-    out = altered(recorded, reevaluations=(failed,))
-    assert scored(out, study).networks == ("g01s00",)
-    with refused(RunError, expected="1 network that trained"):
-        scored(out, replace(study, networks=study.networks[:1]))
 
 
 def test_failure_counts_only_of_the_network_that_was_found(run: Path) -> None:

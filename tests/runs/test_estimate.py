@@ -20,6 +20,7 @@ from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError
 from tacevo.evolution.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
+from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.estimate import describe_cost, describe_estimates, describe_time, estimate
 from tacevo.runs.local import trainings_at_once
 from tacevo.runs.pace import GROWTH, Pace, growth, measure, part_saved, training_images, trainings
@@ -59,7 +60,12 @@ def first_requests(overrides: list[str]) -> list[Request]:
     """Write the requests of generation 0, as a search would."""
     config = compose(overrides)
     task = load_task(config, facts_without_data(config))
-    planned = plan_initial(task, build_settings(config), mutations=config.search.initial, temperature=0.6)
+    planned = plan_initial(
+        task,
+        build_settings(config, Parts.of(config, Decisions(None))),
+        mutations=config.search.initial,
+        temperature=0.6,
+    )
     return [proposal.request for proposal in planned if proposal.request is not None]
 
 
@@ -201,12 +207,10 @@ def plain_search() -> str:
         (["llm.model=llama"], "prices.yaml lacks the price of this model"),
         (["llm.model=llama"], "| unknown    | unknown   |"),
         (["llm=openai", "llm.model=claude-3-haiku"], "| output tokens | USD direct |\n"),  # which takes no batches
-        (["training.seeds=3"], "trained 3 times, which is not priced"),
-        (["archive.kind=extract", "search.candidates=8"], "up to 2 slots of each generation train an elite again"),
     ],
 )
 def test_what_differs_from_a_plain_search_is_told(changes: list[str], told: str, overrides: Estimating) -> None:
-    """Models, prices and deliveries; several seeds cost time and no dollars, and some slots send no request."""
+    """Models, prices and deliveries."""
     assert told in described(compose(overrides(*changes)))
     assert told not in plain_search()
 
@@ -222,13 +226,13 @@ def test_entry_that_is_no_completion_is_named(asked: Json, overrides: Estimating
 
 @pytest.mark.slow
 def test_hours_follow_from_the_pace(overrides: Estimating) -> None:
-    """By hand: 75 trainings of 5 epochs of 480 images at 100 a second, and what they wait for, shared by 2 workers."""
-    config = compose(overrides("training.seeds=3"))
-    assert (trainings(config), training_images(config)) == (75, 480)
-    seconds = 75 * ((1 + GROWTH / 10) * 5 * 480 / 100 + (0.25 + 1.5 / 3) / 2)
+    """By hand: 25 trainings of 5 epochs of 480 images at 100 a second, and what they wait for, shared by 2 workers."""
+    config = compose(overrides())
+    assert (trainings(config), training_images(config)) == (25, 480)
+    seconds = 25 * ((1 + GROWTH / 10) * 5 * 480 / 100 + (0.25 + 1.5) / 2)
     assert paced(config).seconds(config, 480) == pytest.approx(seconds)
     told = described(config)
-    assert f"hours: about {seconds / 3600:.2g} for 75 trainings of 5 epochs of 480 images of 32 px" in told
+    assert f"hours: about {seconds / 3600:.2g} for 25 trainings of 5 epochs of 480 images of 32 px" in told
     assert "2 baselines at once, 100 images/s in all; 0.25 s to start a training, 1.5 s in the gate" in told
     assert "busy: " not in told
     busy = describe_time(config, lambda config: replace(paced(config), load=8.5))
@@ -278,7 +282,7 @@ def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp
 
 def test_long_search_is_told_what_avx512_would_save(overrides: Estimating) -> None:
     """As measured; not a search of minutes, which it is not measured for, nor one that it saves less than a minute."""
-    long, short = compose(overrides("training.seeds=3")), compose(overrides("training.epochs=1"))
+    long, short = compose(overrides("training.epochs=15")), compose(overrides("training.epochs=1"))
     took = paced(long).seconds(long, 480)
     asked: list[tuple[RunConfig, int]] = []
 

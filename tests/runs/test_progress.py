@@ -25,7 +25,6 @@ PLAN = fakes.plan(generations=2)
     ("plan", "told"),
     [
         (PLAN, "(16 of 16 slots done)"),
-        (replace(PLAN, reevaluations=2), "(16 of 16 slots done)"),  # some of which trained an elite again
         (replace(PLAN, budget=Budget(flops=1, images=1, epochs=1)), "(4 of at most 16 slots done)"),
     ],
 )

@@ -14,7 +14,7 @@ from small_recordings import simulated
 from smallest import SMALLEST, UNTRACKED, Once
 
 from tacevo.api.opening import open_run
-from tacevo.choices import ArchiveKind, Numerics
+from tacevo.choices import Numerics
 from tacevo.cli.app import main
 from tacevo.data.simulator.written_files import write_files
 from tacevo.errors import CacheMissError, ConfigError, DivergenceError, TacevoError
@@ -85,7 +85,7 @@ def test_every_given_network_is_studied_under_its_name(here: Path) -> None:
     run, networks = read_run(Path("run")), study_on("").read().networks
     asked = [(line.operator, line.request) for line in run.candidates]
     assert asked == [(Operator.baseline, None), (Operator.given, None), (Operator.given, None)]
-    assert run.config.archive.kind is ArchiveKind.best
+    assert run.config.archive.kind == "best"
     named = {"baseline": "g00s00", "wide": "g00s01", "narrow": "g00s02"}
     assert {network.name: network.id for network in networks} == named
     assert networks[1].parameters > networks[2].parameters

@@ -24,7 +24,7 @@ from tacevo.runs.session import search
 from tacevo.storage.store import Store, read_entry
 
 #: Of the table; a search of two epochs leaves two seeds for noise runs.
-SIZES = ("training.epochs=3", "training.seeds=3")
+SIZES = ("training.epochs=3",)
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_table_is_found_by_its_digest(place: Path, capsys: pytest.CaptureFixture
     """Beside the bundle under any name, in cache/tables, or by --table; another table of its name is not taken."""
     table = _published(place)
     elsewhere = table.path.rename("kept")
-    made_up_table(Path("bundles/space.zip"), *TINY, "training.epochs=3", "training.seeds=1")
+    made_up_table(Path("bundles/space.zip"), *TINY, "training.epochs=3", seeds=1)
     replay = ["replay", "bundles/run.zip", "--retrain", "2"]
     capsys.readouterr()
     assert main(replay) == 2
@@ -133,9 +133,10 @@ def test_noise_run_advises_nothing_that_a_table_has_not(table: SpaceTable, capsy
     assert "tacevo study" not in said.out + said.err
     with refused(ConfigError, place="seeds", expected="at most 2", remedy="seeds=2"):
         tacevo.noise(run, quiet=True)
-    every = _looked_up(table, "training.seeds=3", "run.dir=every")
+    table = made_up_table(Path("tables/one.zip"), *TINY, *SIZES, seeds=1)
+    alone = _looked_up(table, "run.dir=alone")
     with refused(ConfigError, place="seeds", expected="at most 0", remedy="a table of more seeds"):
-        tacevo.noise(every.with_name("every"), seeds=1, quiet=True)
+        tacevo.noise(alone.with_name("alone"), seeds=1, quiet=True)
 
 
 @pytest.mark.few(3)

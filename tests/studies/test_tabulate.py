@@ -42,7 +42,7 @@ from tacevo.sweeps.terms import Asked
 from tacevo.training.full import FullTraining
 
 #: Of the tests' tables that nothing was trained for.
-SIZES = ("training.epochs=4", "training.seeds=3")
+SIZES = ("training.epochs=4",)
 
 
 @pytest.fixture(scope="module")
@@ -95,13 +95,6 @@ def test_equal_sources_share_a_recorded_seed_and_networks_draw_their_own(table: 
             starts = [one.training.validation_losses[:3] for one in full if isinstance(one, FullTraining)]
             drawn.append(starts.index(next(iter(losses))))
     assert len(set(drawn)) > 1
-
-
-def test_several_seeds_of_a_candidate_are_different_recorded_ones(table: SpaceTable, tmp_path: Path) -> None:
-    """With as many seeds as the table has, a fitness is the median of all of them."""
-    run = _looked_up(table, tmp_path, "training.seeds=3", "search.generations=0")
-    for line in _trained(run):
-        assert len({one.validation_losses for one in line.by_seed()}) == 3
 
 
 def test_looked_up_run_replays_and_its_rows_are_looked_up_again(table: SpaceTable, tmp_path: Path) -> None:
@@ -169,8 +162,6 @@ def test_noise_run_is_of_trainings_that_the_search_has_not_seen(table: SpaceTabl
         ("task.target_scaling=none", "task.target_scaling"),
         ("task.output_argument=classes", "task.output_argument"),
         ("task.outputs=6", "task.outputs"),
-        ("training.seeds=5", "training.seeds"),
-        ("ablation=extract", "archive.kind"),
         ("llm.slip_rate=0.01", "llm.slip_rate"),
     ],
 )
@@ -186,8 +177,8 @@ def test_sweep_with_a_job_that_the_table_does_not_suit_is_refused_before_one_run
 ) -> None:
     """As any mistake in a job."""
     settings = ["experiment=space", *TINY, "data=table", f"data.root={table.path}", "training.epochs=3", "seed=0"]
-    with refused(ConfigError, place="archive.kind"):
-        sweep([*settings, "ablation=none,extract", f"store.root={tmp_path}"], str(tmp_path / "sweep"), Progress())
+    with refused(ConfigError, place="llm.slip_rate"):
+        sweep([*settings, "llm.slip_rate=0,0.01", f"store.root={tmp_path}"], str(tmp_path / "sweep"), Progress())
     assert not (tmp_path / "sweep").exists()
 
 
@@ -265,9 +256,9 @@ def test_digest_is_of_what_decides_the_rows(table: SpaceTable, tmp_path: Path) -
 def test_table_that_no_reader_takes_is_refused_before_the_first_training(tmp_path: Path) -> None:
     """It could not be read again after hours."""
     store = f"store.root={tmp_path}"
-    config = compose(["experiment=space", *TINY, "data.images=100", store, "training.seeds=9999", "training.epochs=50"])
-    with refused(ConfigError, place="training.seeds"):
-        tabulate(config, tmp_path / "t.zip", Progress())
+    config = compose(["experiment=space", *TINY, "data.images=100", store, "training.epochs=50"])
+    with refused(ConfigError, place="--seeds"):
+        tabulate(config, tmp_path / "t.zip", Progress(), seeds=9999)
     assert not list(tmp_path.glob("probes/*"))
 
 
@@ -284,7 +275,7 @@ def test_largest_table_that_is_begun_can_be_written(table: SpaceTable) -> None:
     """The bound holds for the longest numbers, and is not far above the usual ones."""
     lines = [len(canonical(to_json(row))) for row in table.trainings]
     most = MOST_OF_A_MEMBER // max(lines) // len(table.header.seeds)
-    with refused(ConfigError, place="training.seeds"):
+    with refused(ConfigError, place="--seeds"):
         check_size(table.header, most + 1)
     check_size(table.header, most // 2)
 
@@ -684,7 +675,7 @@ def test_table_run_equals_a_real_run_decision_by_decision(tmp_path: Path) -> Non
     rules of both train alike, and test images are predicted by the chosen weights only.
     """
     images, store = "data.images=300", f"store.root={tmp_path / 'cache'}"
-    made = compose(["experiment=space", *TINY, images, store, "training.epochs=2", "training.seeds=1"])
+    made = compose(["experiment=space", *TINY, images, store, "training.epochs=2"])
     table = tabulate(made, tmp_path / "table.zip", Progress())
     assert tabulate(made, tmp_path / "again.zip", Progress()).digest == table.digest
     assert len(table.networks) == 9

@@ -158,9 +158,6 @@ def test_same_search_runs_once(place: Path) -> None:
     assert [status.job.name for status in asked] == ["none-seed0", "temperature-stall-seed0"]
 
 
-AGEING = ["ablation=none,regularised_evolution", "seed=range(0,4)"]
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("settings", "told"),
@@ -171,9 +168,6 @@ AGEING = ["ablation=none,regularised_evolution", "seed=range(0,4)"]
         (["ablation=none,fixed_temperature,drift", "seed=range(0,4)"], ["4 seeds of an arm", "takes 5 or more"]),
         (["ablation=none,fixed_temperature", "seed=range(0,4)"], []),
         (["seed=0,1"], []),
-        ([*AGEING, "search.generations=2"], ["regularised_evolution: proposals.population=100 never ages"]),
-        ([*AGEING, "search.generations=2", "proposals.population=5"], []),
-        ([*AGEING, "search.generations=0"], []),
     ],
 )
 def test_what_a_sweep_cannot_show_is_said_before_it_runs(settings: list[str], told: list[str], place: Path) -> None:

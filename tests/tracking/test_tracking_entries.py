@@ -7,10 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mirrored import BASELINE, GENERATION, INSTRUCTIONS, MUTATION, REJECTED, SECOND_GENERATION
 
-from tacevo.choices import FitnessRule
 from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
-from tacevo.evolution.lines import CandidateLine, RepairedAnswer, SeedLine
+from tacevo.evolution.lines import CandidateLine, RepairedAnswer
 from tacevo.records import Json, Reason, Stage
 from tacevo.tracking.params import (
     LONGEST_PARAM,
@@ -75,23 +74,16 @@ def named(points: tuple[Point, ...], name: str) -> list[tuple[int, float]]:
     return [(step, value) for key, value, step in points if key == name]
 
 
-def test_losses_are_steps_by_epoch_and_by_seed() -> None:
-    """Epochs from 1; seeds where there are several, of which the fitness is the median's."""
-    seeds = tuple(
-        SeedLine(seed=seed, evaluation="", train_losses=(), validation_losses=(0.9, loss), predictions="", weights="")
-        for seed, loss in enumerate((0.3, 0.1, 0.2))
-    )
-    points = candidate_measures(replace(BASELINE, seeds=seeds), FitnessRule.last)
-    assert named(points, "validation_loss") == [(1, 0.5), (2, 0.25)]
-    assert named(points, "seed_loss") == [(0, 0.3), (1, 0.1), (2, 0.2)]
-    assert named(candidate_measures(BASELINE, FitnessRule.last), "seed_loss") == []
-    assert candidate_measures(REJECTED, FitnessRule.last) == ()
+def test_losses_are_steps_by_epoch() -> None:
+    """From 1."""
+    assert named(candidate_measures(BASELINE), "validation_loss") == [(1, 0.5), (2, 0.25)]
+    assert candidate_measures(REJECTED) == ()
 
 
 @pytest.mark.parametrize("status", AddStatus)
 def test_inserted_is_whether_the_archive_took_it(status: AddStatus) -> None:
     """A new niche and an improved one both count as an insertion."""
-    points = candidate_measures(replace(BASELINE, status=status), FitnessRule.last)
+    points = candidate_measures(replace(BASELINE, status=status))
     assert named(points, "inserted") == [(0, float(status is not AddStatus.rejected))]
 
 

@@ -40,11 +40,7 @@ const linkTo = (run, id) => h("a", { href: addressOf(run, id) }, id);
 
 const listOf = (nodes) => nodes.flatMap((node, place) => (place ? [", ", node] : [node]));
 
-// Say what the search knew of a network's loss at its end.
-function lossOf(one) {
-    const isOut = one.loss === null && one.fitness !== null;
-    return isOut ? "out, because it failed when it was trained again" : `loss ${number(one.loss)}`;
-}
+const lossOf = (one) => `loss ${number(one.fitness)}`;
 
 // Say a loss with what further trainings gave.
 function lossWords(one) {

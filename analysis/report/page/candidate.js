@@ -42,12 +42,7 @@ function factsOf(run, one) {
               ["FLOPs", number(one.flops)],
           ]
         : [];
-    const fitness = one.loss === null ? [] : [["Validation loss", number(one.loss)]];
-    if (one.fitness !== one.loss) fitness.push(["Loss when it came", number(one.fitness)]);
-    if (one.losses.length) {
-        const losses = one.losses.map((loss) => (loss === null ? "failed" : number(loss)));
-        fitness.push(["Of each seed", losses.join(", ")]);
-    }
+    const fitness = one.fitness === null ? [] : [["Validation loss", number(one.fitness)]];
     if (one.again.length) {
         const all = one.again.map(number).join(", ");
         fitness.push(["Trained again", `${number(d3.median(one.again))}, the median of ${all}`]);

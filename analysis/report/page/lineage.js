@@ -23,7 +23,7 @@ function descendantsOf(run, id) {
     return run.candidates.filter((one) => found.has(one.id)).map((one) => one.id);
 }
 
-const bestOf = (run) => d3.least(run.generations.at(-1).elites, ([, id]) => run.byId.get(id).loss)?.[1];
+const bestOf = (run) => d3.least(run.generations.at(-1).elites, ([, id]) => run.byId.get(id).fitness)?.[1];
 
 function drawLineage() {
     const run = state.run;
@@ -38,7 +38,7 @@ function lineTo(run, id) {
     for (let one = run.byId.get(id); one !== undefined;) {
         const parents = d3.sort(
             one.parents.map((name) => run.byId.get(name)),
-            (parent) => parent.loss,
+            (parent) => parent.fitness,
         );
         const by = parents.length
             ? `${instructionOf(run, one)}${

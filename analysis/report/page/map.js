@@ -1,7 +1,7 @@
 // The archive map: the niches of the network archive and what held them after the chosen generation.
 
 const COLOURS = {
-    fitness: { name: "validation loss", value: (one) => one.loss, isReversed: true },
+    fitness: { name: "validation loss", value: (one) => one.fitness, isReversed: true },
     generation: { name: "generation", value: (one) => one.generation, isLinear: true },
     parameters: { name: "parameters", value: (one) => one.parameters },
     flops: { name: "FLOPs", value: (one) => one.flops },
@@ -80,7 +80,7 @@ function fillMap() {
     const isNew = ([, id]) => !held.has(id); // an old elite that only changed its niche is not
     const lost = [...before.keys()].filter((niche) => !now.has(niche));
     const scale = colouring(run, state.colour);
-    const best = d3.least(line.elites, ([, id]) => run.byId.get(id).loss)?.[1];
+    const best = d3.least(line.elites, ([, id]) => run.byId.get(id).fitness)?.[1];
     const svg = d3.select("#map-drawing svg");
     svg.select(".lost")
         .selectAll("path")

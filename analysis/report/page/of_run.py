@@ -4,7 +4,6 @@ Texts of candidates, models and names stand here as they came. They are data to 
 text only.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,10 +28,8 @@ from analysis.table import Table
 from analysis.tables.comparison import margin_in_words
 from analysis.tables.dynamics import reestimated
 from analysis.tables.rendering import numeric_columns
-from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
 from tacevo.evolution.lines import CandidateLine
-from tacevo.evolution.reevaluation import estimates_of
 from tacevo.evolution.run_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.grouped import in_groups
@@ -88,7 +85,7 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
     """
     collection, tables = given.collection, given.tables
     run, task = collection.run, collection.run.record.task
-    has_prompts = run.config.prompts.policy is not PromptPolicy.none
+    has_prompts = run.has_prompts
     reached = reachable_prompt_niches(run, collection.niches.prompts) if has_prompts else frozenset()
     return {
         "name": run.name,
@@ -179,21 +176,16 @@ def _bands(centres: NDArray[np.float64]) -> tuple[Corners, ...]:
 def _candidates(collection: Collection, texts: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the ledger line of every candidate, with what the page says beside it.
 
-    `loss` is what the search knew at its end (`RecordedRun.fitness`), None also where the source failed when it was
-    trained again; `losses` the last one of each training seed, where there are several, None of a failure; `again` the
-    fitness of further trainings with other seeds; `point` the descriptors on the archive's axes, none where nothing was
-    measured. `changes` are the lines that it kept of each parent; `rejected` is the reason in words and the model's
-    answer.
+    `again` are the fitnesses of further trainings with other seeds; `point` the descriptors on the archive's axes, none
+    where nothing was measured. `changes` are the lines that it kept of each parent; `rejected` is the reason in words
+    and the model's answer.
     """
     run, again = collection.run, by_seeds(collection.reestimates)
     points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
     sources = {line.id: texts[line.id] for line in run.candidates if line.source is not None and line.id in texts}
-    estimates, fitness = estimates_of((*run.candidates, *run.reevaluations), run.config.training.fitness), run.fitness
     return [
         to_json(line)
         | {
-            "loss": fitness.get(line.id),
-            "losses": _several(estimates.losses.get(str(line.source), ())),
             "again": next((values for one in again if (values := one.estimates_of(line.id))), ()),
             "point": points.get(line.id, ()),
             "changes": _changes(line, sources),
@@ -201,10 +193,6 @@ def _candidates(collection: Collection, texts: Mapping[str, str]) -> list[dict[s
         }
         for line in run.candidates
     ]
-
-
-def _several(losses: Sequence[float]) -> list[float | None]:
-    return [loss if math.isfinite(loss) else None for loss in losses] if len(losses) > 1 else []
 
 
 def _changes(line: CandidateLine, sources: Mapping[str, str]) -> list[dict[str, Any]]:

@@ -26,7 +26,7 @@ function frontChart(run) {
     const caption = "Validation loss and FLOPs of one image; the line joins the networks that no other one beats in both.";
     const { again, front } = run.pareto;
     const candidates = run.candidates
-        .map((one) => ({ id: one.id, flops: one.flops, fitness: again[one.id] ?? one.loss, isAgain: one.id in again }))
+        .map((one) => ({ id: one.id, flops: one.flops, fitness: again[one.id] ?? one.fitness, isAgain: one.id in again }))
         .filter((one) => one.fitness !== null);
     const byName = new Map(candidates.map((one) => [one.id, one]));
     const edge = d3.sort(

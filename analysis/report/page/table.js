@@ -11,7 +11,7 @@ const COLUMNS = [
     { name: "outcome", value: (run, one) => outcomeOf(one) },
     { name: "reason", value: (run, one) => one.reason ?? "" },
     { name: "status", value: (run, one) => (one.status === null ? "" : statusOf(one)) },
-    { name: "loss", value: (run, one) => one.loss, isNumber: true },
+    { name: "loss", value: (run, one) => one.fitness, isNumber: true },
     { name: "parameters", value: (run, one) => one.parameters, isNumber: true },
     { name: "FLOPs", value: (run, one) => one.flops, isNumber: true },
 ];

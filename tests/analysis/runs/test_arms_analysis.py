@@ -115,7 +115,7 @@ def test_alarm_of_one_axis_names_that_axis() -> None:
         *(pytest.param(arm, marks=pytest.mark.slow) for arm in ("no_qd", "random_sampling")),
         *(
             pytest.param(arm, marks=pytest.mark.long)
-            for arm in ("arch_div_only", "random_parents_only_baseline", "drift", "best_k", "regularised_evolution")
+            for arm in ("arch_div_only", "random_parents_only_baseline", "drift", "best_k")
         ),
     ],
 )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from hand_runs import altered, closed, rejected, run, trained
+from hand_runs import closed, rejected, run, trained
 
 from analysis.runs.dynamics import (
     GENERATIONS,
@@ -31,7 +31,7 @@ from analysis.tables.dynamics import (
 )
 from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
-from tacevo.evolution.lines import CandidateLine, ReevaluationLine, gate_stages
+from tacevo.evolution.lines import CandidateLine, gate_stages
 from tacevo.records import Reason, Stage
 from tacevo.results.copies import copies
 from tacevo.results.run import RecordedRun
@@ -281,18 +281,6 @@ def test_run_without_improvement_settles_nowhere() -> None:
     gains = improvement(run([trained(0, 0, 0.5)], [closed(0, 0.5), closed(1, 0.5)]))
     assert (gains.over_first, gains.settled) == (0.0, None)
     assert not {"by_7", "by_10"} & set(gains.index)
-
-
-def test_improvement_over_generation_0_is_of_the_medians_that_the_search_ended_with() -> None:
-    """By hand: the lucky 0.1 of generation 0 is 0.5 by three draws; the best was 0.2 for good at generation 3."""
-    lines = [closed(at, best) for at, best in enumerate([0.1, 0.2, 0.45, 0.2])]
-    again = [
-        ReevaluationLine(generation=1, slot=at, id="g00s00", source="s", evaluation="e", fitness=at / 2)
-        for at in (1, 2)
-    ]
-    gains = improvement(altered(run([trained(0, 0, 0.1, source="s")], lines), reevaluations=tuple(again)))
-    assert (gains.first, gains.last, gains.over_first) == pytest.approx((0.5, 0.2, 0.6))
-    assert gains.settled == 3
 
 
 def test_run_without_fitness_has_no_improvement() -> None:

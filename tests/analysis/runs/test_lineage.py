@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from hand_runs import altered, closed, run, trained
+from hand_runs import closed, run, trained
 from refusals import refused
 
 from analysis.runs.lineage import LINEAGE, ancestors, lineage
 from analysis.tables.dynamics import lineage_table
 from tacevo.errors import RunError
-from tacevo.evolution.lines import ReevaluationLine
 from tacevo.results.run import RecordedRun
 
 
@@ -50,16 +49,3 @@ def test_unknown_candidate_is_named() -> None:
     """With the form that ids have."""
     with refused(RunError, got="'best'", expected="the id of a candidate"):
         ancestors(family(), "best")
-
-
-def test_lineage_shows_what_the_search_knew_at_its_end() -> None:
-    """By hand: 0.6 was the luckiest draw of 0.6, 0.8 and 0.9; a source that failed is out and has no gain."""
-    lines = {line.id: line for line in family().candidates}
-    again = [
-        ReevaluationLine(generation=2, slot=2 + at, id=name, source=lines[name].source, evaluation="e", fitness=loss)
-        for at, (name, loss) in enumerate([("g01s00", 0.9), ("g01s00", 0.8), ("g01s01", None)])
-    ]
-    steps = lineage(altered(family(), reevaluations=tuple(again)), "g02s00")
-    assert steps.fitness.tolist() == pytest.approx([0.8, 0.8, np.nan, 0.5], nan_ok=True)
-    assert steps.gain.tolist() == pytest.approx([np.nan, 0.0, np.nan, 0.3], nan_ok=True)
-    assert [row[4] for row in lineage_table(altered(family(), reevaluations=tuple(again)), "g02s00").rows][2] is None

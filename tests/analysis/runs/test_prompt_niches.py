@@ -46,14 +46,6 @@ def test_temperatures_follow_from_start_and_step_and_end_at_the_limits() -> None
     assert reachable_temperatures(run_of(2, rule="stall", start=0.1, step=0.3)) == {0.1, 0.0, 0.4}
 
 
-def test_best_that_gets_worse_lowers_a_temperature() -> None:
-    """Where elites are trained again, a record can be lost; the rule as printed then goes down."""
-    run = run_of(3, rule="paper")
-    again = hand_runs.configured(temperature={"rule": "paper"}, archive={"kind": "extract"}, search={"candidates": 4})
-    run = replace(run, config=again)
-    assert reachable_temperatures(run) == {0.5, 0.55, 0.6, 0.65, 0.7}
-
-
 def test_run_without_trials_reaches_nothing() -> None:
     """The mutations of generation 0 are not trials."""
     run = run_of(0, rule="stall")

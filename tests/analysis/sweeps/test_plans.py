@@ -21,7 +21,6 @@ from analysis.tables.plan import plan_notes, plan_table
 from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.evolution.lines import ReevaluationLine
 from tacevo.records import Kind, Stage
 from tacevo.results.sweep import RecordedSweep
 from tacevo.results.tested import JobScore
@@ -269,19 +268,15 @@ def test_run_and_training_that_arms_share_count_once() -> None:
 
 
 def test_costs_of_a_search_count_all_its_trainings(tmp_path: Path) -> None:
-    """By hand: two candidates, one that failed, and an elite again, each with three seeds of one epoch."""
+    """By hand: two candidates and one that failed, each of one epoch."""
     lines = [trained(0, 0), trained(1, 0), replace(trained(1, 1), fitness=None, stage=Stage.train)]
-    again = ReevaluationLine(generation=1, slot=2, id="g00s00", source="g00s00", evaluation="again", fitness=0.5)
-    jobs = [
-        finished("none", seed, altered(run_of(lines), reevaluations=(again,)), settings={"training": {"seeds": 3}})
-        for seed in (0, 1)
-    ]
+    jobs = [finished("none", seed, run_of(lines)) for seed in (0, 1)]
     here = [replace(one, run=altered(one.run, path=tmp_path / one.job.name)) for one in jobs]
     for one in here:
         one.run.path.mkdir()
         RunDirectory(one.run.path).add_timing(Spending(), id="g00s00", seconds=6.0)
     pilot = sweep_pilot([sweep_of(here)])
-    assert (pilot.search_epochs, pilot.seconds) == (12, 2.0)
+    assert (pilot.search_epochs, pilot.seconds) == (3, 6.0)
 
 
 def test_sweep_without_every_test_is_planned_by_its_best_fitness() -> None:

@@ -44,7 +44,7 @@ def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
     study, names = identified(study_of(FOUR)), list(FOUR)
     comparisons = compare(study)
     again = reestimates(names, [[0.1 * at, 0.3 * at] for at in range(1, 6)])
-    table = study_outcome(study, comparisons, again, record="one draw", is_alone=False, trivial=None)
+    table = study_outcome(study, comparisons, again, is_alone=False, trivial=None)
     rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     assert [row["network"] for row in rows] == names
     for row, variant in zip(rows[1:], comparisons.itertuples(), strict=True):
@@ -70,7 +70,7 @@ def test_equivalent_network_has_the_p_and_the_margin_of_its_test() -> None:
     (variant,) = (one for one in comparisons.itertuples() if one.verdict == "equivalent")
     p = shown(PValue(variant.p_equivalence_holm))
     assert p != shown(PValue(variant.p_holm))
-    table = study_outcome(study, comparisons, None, record="one draw", is_alone=False, trivial=None)
+    table = study_outcome(study, comparisons, None, is_alone=False, trivial=None)
     assert f"equivalent ({p}, margin 0.1 pt)" in {cell for row in table.rows for cell in row}
     moved = transfer_table([(study, comparisons), (study, comparisons)])
     ps = {row[4] for row in moved.rows if row[5] == "equivalent"}
@@ -85,7 +85,6 @@ def test_network_that_was_not_trained_again_has_an_empty_cell() -> None:
         study,
         None,
         reestimates(["baseline", "variant 3"], [[1.0, 1.0], [3.0, 3.0]]),
-        record="",
         is_alone=False,
         trivial=None,
     )
@@ -95,7 +94,7 @@ def test_network_that_was_not_trained_again_has_an_empty_cell() -> None:
 def test_trivial_predictor_is_the_last_row() -> None:
     """With its score alone, since it has neither fitness nor verdict."""
     study = study_of({"baseline": [0.5, 0.7], "variant 1": [0.6, 0.9]}, kind=Kind.classification)
-    row = study_outcome(study, None, None, record="one draw", is_alone=False, trivial=None).rows[-1]
+    row = study_outcome(study, None, None, is_alone=False, trivial=None).rows[-1]
     assert row == ("trivial", None, Percent(rounded(1 / 3)), None)
 
 
@@ -115,7 +114,7 @@ def test_study_at_chance_says_so(values: list[float], kind: Kind, is_chance: boo
         study = study_of_outputs({"Fx": {"baseline": [values[0]] * 3, "variant 1": [values[1]] * 3}})
         scores = [replace(one, metrics={**one.metrics, "r2_Fx": 1 - one.metrics["mse"]}) for one in study.scores]
         study = replace(study, scores=tuple(scores))
-    table = study_outcome(study, None, None, record="one draw", is_alone=False, trivial=1.5)
+    table = study_outcome(study, None, None, is_alone=False, trivial=1.5)
     for one in (table, scores_table(study)):
         assert one.notes[0].startswith("At chance: ") == is_chance
         assert one.rows[-1][0] == "trivial"
@@ -140,7 +139,7 @@ def test_noise_run_stands_beside_the_trivial_loss() -> None:
 def test_brackets_say_what_they_hold(seeds: int, column: str) -> None:
     """Fewer than six values have no interval of 95 %, and one value has none at all."""
     study = study_of({"baseline": around(0.5, step=0.01, seeds=seeds)})
-    table = study_outcome(study, None, None, record="one draw", is_alone=False, trivial=None)
+    table = study_outcome(study, None, None, is_alone=False, trivial=None)
     assert table.columns[2] == column
     assert isinstance(table.rows[0][2], float) == (seeds == 1)
 
@@ -150,13 +149,11 @@ def test_warnings_of_the_tables_are_a_line_each() -> None:
     quick = study_of({name: values[:4] for name, values in FOUR.items()})
     last = replace(quick, scores=tuple(replace(one, epoch=quick.recipe.epochs) for one in quick.scores))
     early = replace(quick, scores=tuple(replace(one, epoch=1) for one in quick.scores))
-    told = study_outcome(last, compare(last), None, record="one draw", is_alone=True, trivial=None).notes
-    silent = study_outcome(early, compare(early), None, record="one draw", is_alone=False, trivial=None).notes
+    told = study_outcome(last, compare(last), None, is_alone=True, trivial=None).notes
+    silent = study_outcome(early, compare(early), None, is_alone=False, trivial=None).notes
     for words in ("Not converged? 100.0 % of the seeds of baseline", "One split of one data set"):
         assert [sum(words in note for note in notes) for notes in (told, silent)] == [1, 0]
-    many = study_outcome(
-        study_of(FOUR), compare(study_of(FOUR)), None, record="one draw", is_alone=False, trivial=None
-    ).notes
+    many = study_outcome(study_of(FOUR), compare(study_of(FOUR)), None, is_alone=False, trivial=None).notes
     assert [sum("no result of so few seeds" in note for note in notes) for notes in (silent, many)] == [1, 0]
 
 
@@ -252,7 +249,7 @@ def test_images_of_groups_are_counted_with_them() -> None:
     study = study_of(FOUR)
     grouped = replace(study, data=replace(study.data, counts=(8, 1, 6), groups=(0, 0, 1, 1, 2, 2)))
     captions = [
-        study_outcome(one, None, None, record="one draw", is_alone=False, trivial=None).caption
+        study_outcome(one, None, None, is_alone=False, trivial=None).caption
         for one in (study, grouped, replace(study, lacks_groups=True))
     ]
     assert captions[0].endswith("tested on 1 image")

@@ -8,14 +8,18 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from tacevo.choices import ParentPolicy, PromptPolicy, Scale, TemperatureRule
+from tacevo.choices import Scale
+from tacevo.evolution import instructions, parents
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import NetworkArchive, Tessellation, find_centroids
+from tacevo.evolution.descriptors import ArchDiv, EffRatio
 from tacevo.evolution.development import Effects, Evaluate, Outcome
 from tacevo.evolution.lines import SearchLine
 from tacevo.evolution.proposals import Settings
 from tacevo.evolution.run_files import line_kind
 from tacevo.evolution.state import Plan, SearchState
+from tacevo.evolution.temperatures import Paper
+from tacevo.parts import Temperature
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.records import (
     Completion,
@@ -64,11 +68,8 @@ def settings(**changes: object) -> Settings:
         "seed": 0,
         "candidates": 6,
         "mutation_probability": 0.7,
-        "parents": ParentPolicy.uniform,
-        "best": 2,
-        "population": 8,
-        "tournament": 3,
-        "prompts": PromptPolicy.uniform,
+        "parents": parents.Uniform(),
+        "prompts": instructions.Uniform(),
         "jitter": 0.1,
         "model": "fake-1",
         "max_tokens": 100,
@@ -76,7 +77,7 @@ def settings(**changes: object) -> Settings:
     return Settings(**{**values, **changes})  # type: ignore[arg-type]
 
 
-def plan(*, generations: int = 4, rule: TemperatureRule = TemperatureRule.paper, **changes: object) -> Plan:
+def plan(*, generations: int = 4, rule: Temperature | None = None, **changes: object) -> Plan:
     """Return a small plan; `changes` go to its settings."""
     return Plan(
         task=TASK,
@@ -86,10 +87,9 @@ def plan(*, generations: int = 4, rule: TemperatureRule = TemperatureRule.paper,
         networks=NETWORKS,
         prompts=PROMPTS,
         archive=NetworkArchive(),
-        eff_ratio_scale=Scale.linear,
-        temperature_rule=rule,
+        axes={"arch_div": ArchDiv(), "eff_ratio": EffRatio(eff_ratio_scale=Scale.linear)},
+        temperature=rule or Paper(step=0.05),
         temperature_start=0.6,
-        temperature_step=0.05,
     )
 
 
@@ -134,8 +134,8 @@ def admit(completion: Completion, asked: str) -> Admitted | Rejection:
     return inspect(completion.text)
 
 
-def evaluate(source: str, seed: int = 0) -> Training | Rejection:
-    """Train by hashing; one in ten fails, with every seed."""
+def evaluate(source: str) -> Training | Rejection:
+    """Train by hashing; one in ten fails."""
     if number(source, 10) == 0:
         return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
     loss = (1 + number(source, 1_000)) / 1_000
@@ -152,7 +152,7 @@ def effects(llm: FakeLLM | None = None, executor: Executor | None = None) -> Eff
         inspect=inspect,
         measure=inspect,
         evaluate=evaluate,
-        evaluation_key=lambda source, seed: content_hash([source, seed] if seed else source),
+        evaluation_key=content_hash,
         executor=executor or ThreadPoolExecutor(1),
         cpu_seconds=lambda: 0.0,
     )
@@ -176,34 +176,23 @@ class Recorder:
         self.states.append(state)
 
 
-def noisy(source: str, seed: int) -> Training | Rejection:
-    """Train by hashing, each seed to another loss; one in ten fails with every seed, one in eight with seed 1."""
-    if seed == 1 and source != TASK.baseline and number(f"fails {source}", 8) == 0:
-        return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
-    result = evaluate(source)
-    if isinstance(result, Rejection):
-        return result
-    loss = (1 + number(f"{source} {seed}", 1_000)) / 1_000
-    return replace(result, validation_losses=(1.0, loss), weights_sha256=f"{seed:064}")
-
-
 def until_killed(trainings: int) -> Evaluate:
-    """Train as `noisy` does, with delays that differ, and end the search like Ctrl-C after so many trainings."""
+    """Train as `evaluate` does, with delays that differ, and end the search like Ctrl-C after so many trainings."""
     delays, left = random.Random(0), iter(range(trainings))  # the order of threads is not reproducible anyway
 
-    def train(source: str, seed: int) -> Training | Rejection:
+    def train(source: str) -> Training | Rejection:
         time.sleep(delays.random() / 500)
         if next(left, None) is None:
             raise KeyboardInterrupt
-        return noisy(source, seed)
+        return evaluate(source)
 
     return train
 
 
 def search(plan: Plan, path: Path | None = None, **changes: object) -> tuple[str, Recorder]:
-    """Search by losses that differ from seed to seed; return the digest, and what an observer saw."""
+    """Search; return the digest, and what an observer saw."""
     recorder = Recorder()
-    noisy_effects = replace(effects(), **{"evaluate": noisy, **changes})  # type: ignore[arg-type]
+    changed = replace(effects(), **changes)  # type: ignore[arg-type]
     with Ledger() if path is None else Ledger.open(path, line_kind) as ledger:
-        run_search(plan, noisy_effects, ledger, recorder)
+        run_search(plan, changed, ledger, recorder)
         return ledger.digest, recorder

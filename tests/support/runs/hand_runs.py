@@ -167,7 +167,7 @@ def of_lines(
 def altered(run: RecordedRun, **changes: Any) -> RecordedRun:
     """Return a run with other values of what it has: of its fields, of its lines, of its header or of run.json."""
     taken = {name: changes.pop(name) for name in tuple(changes) if name in _ALTERED}
-    lines = {name: taken.get(name, getattr(run, name)) for name in ("candidates", "reevaluations", "generations")}
+    lines = {name: taken.get(name, getattr(run, name)) for name in ("candidates", "generations")}
     if "bounds" in taken and lines["generations"]:
         lines["generations"] = (*lines["generations"][:-1], replace(lines["generations"][-1], bounds=taken["bounds"]))
     of_header = {_ALTERED[name]: taken[name] for name in ("facts", "centroids", "rules") if name in taken}
@@ -190,7 +190,7 @@ def altered(run: RecordedRun, **changes: Any) -> RecordedRun:
 
 #: What `altered` takes beyond the fields, and where that stands if it has another name there.
 _ALTERED = {
-    **{name: name for name in ("candidates", "reevaluations", "generations", "bounds", "rules", "instructions")},
+    **{name: name for name in ("candidates", "generations", "bounds", "rules", "instructions")},
     **{name: name for name in ("centroids", "versions", "trivial", "elsewhere", "name", "path", "digest", "spent")},
     "facts": "data",
     "cpu_seconds": "cpu_seconds",

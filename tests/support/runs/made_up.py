@@ -31,13 +31,13 @@ TINY = (
 )
 
 
-def made_up_table(path: Path, *overrides: str, failing: int | None = None) -> SpaceTable:
+def made_up_table(path: Path, *overrides: str, seeds: int = 3, failing: int | None = None) -> SpaceTable:
     """Write the table of `experiment=space` with these overrides; the network of a row may fail with every seed."""
     config = compose(["experiment=space", *overrides])
     names = tuple(f"{spacing:g} mm" for spacing in config.data.spacings_mm)
     facts = replace(facts_without_data(config), names=names, fingerprint="f" * 64, counts=(400, 200, 1400))
     task = load_task(config, facts)
-    header = header_of(config, task, facts, 1.94, made_up=True)
+    header = header_of(config, task, facts, 1.94, seeds=seeds, made_up=True)
     rows = [
         network_of(Admitted(source=source, profile=_profile(row)), genome, source)
         for row, (genome, source) in enumerate(members(config, task))

@@ -1,0 +1,143 @@
+"""The sources of a part that decides, read without running them: its module and what that imports of its own.
+
+A run records them, and nothing else of the part is ever executed: an import of anything but these and `ALLOWED` fails.
+"""
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path, PurePosixPath
+
+from tacevo.errors import ConfigError
+from tacevo.parts.deciding import ALLOWED
+from tacevo.parts.registry import Part
+
+#: The most that a part may be, in bytes and in files: it is part of each run and bundle that it decides in.
+MOST_BYTES, MOST_FILES = 1_000_000, 200
+
+
+#: Sources by their hash: a configuration names a part by that, and the run writes them into its directory.
+_REMEMBERED: dict[str, dict[str, str]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class _Import:
+    """An import statement."""
+
+    #: Dotted, from the top, as far as it is a module or may be one.
+    module: str
+    line: int
+
+
+def read_sources(part: Part) -> dict[str, str]:
+    """Read the text of a part's module, and of those of its package, or beside its file, that it imports.
+
+    Returns:
+        By their place below the directory that the part is imported from, as in `mylab/parents.py`, in that order.
+
+    Raises:
+        ConfigError: a file cannot be read, is no Python, or imports what a part that decides may not.
+    """
+    root, own = _root(part)
+    texts: dict[str, str] = {}
+    pending = [part.module]
+    while pending:
+        module = pending.pop()
+        for file in _files(root, module):
+            if file.as_posix() in texts:
+                continue
+            text = texts[file.as_posix()] = _read(part, root / file)
+            _check_size(part, texts)
+            for each in _imports(part, file, text):
+                if _is_own(root, own, each.module):
+                    pending.append(each.module)
+                elif not _is_allowed(each.module):
+                    raise ConfigError(
+                        f"`import {each.module}`",
+                        place=f"{part.place}, {file}, line {each.line}",
+                        expected=f"imports of its own modules, and of {', '.join(sorted(ALLOWED))}",
+                        remedy="what it decides must follow from what it is given: draw from `rng`, and read no clock "
+                        "and no file",
+                    )
+    return {name: texts[name] for name in sorted(texts)}
+
+
+def remember(sha256: str, sources: Mapping[str, str]) -> None:
+    """Keep the sources of a part in this process, by the hash that a configuration records of them."""
+    _REMEMBERED[sha256] = dict(sources)
+
+
+def recalled(sha256: str) -> Mapping[str, str] | None:
+    """Return the sources of a hash, where composing has read them in this process."""
+    return _REMEMBERED.get(sha256)
+
+
+def _root(part: Part) -> tuple[Path, str]:
+    """Return the directory that a part is imported from, and its package; empty for a file of no package."""
+    if part.file is not None:
+        return part.file.parent, ""
+    top = part.module.partition(".")[0]
+    spec = find_spec(top)  # of the top alone, as of others the packages above them would run
+    if spec is None or spec.origin is None:
+        expected = "a part whose package is installed with its sources"
+        raise ConfigError(f"no module {top}", place=part.place, expected=expected)
+    path = Path(spec.origin)
+    return (path.parent.parent if spec.submodule_search_locations else path.parent), top
+
+
+def _files(root: Path, module: str) -> Iterator[PurePosixPath]:
+    """Yield the files that an import of a module runs: those of the packages above it, and its own."""
+    names = module.split(".")
+    for depth in range(1, len(names) + 1):
+        place = PurePosixPath(*names[:depth])
+        for file in (place / "__init__.py", place.with_name(f"{place.name}.py")):
+            if (root / file).is_file():
+                yield file
+                break
+
+
+def _is_own(root: Path, own: str, module: str) -> bool:
+    """Answer whether a module is the part's: of its package, or, of a part in a file, one that lies beside it."""
+    top = module.partition(".")[0]
+    if own:
+        return top == own
+    return not _is_allowed(module) and any(_files(root, module))
+
+
+def _is_allowed(module: str) -> bool:
+    names = module.split(".")
+    return any(".".join(names[:depth]) in ALLOWED for depth in range(1, len(names) + 1))
+
+
+def _imports(part: Part, file: PurePosixPath, text: str) -> Iterator[_Import]:
+    """Yield what a text imports, wherever it does."""
+    try:
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError, RecursionError) as error:
+        raise ConfigError(str(error), place=f"{part.place}, {file}", expected="Python") from error
+    package = list(file.parent.parts)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (_Import(alias.name, node.lineno) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            if base:
+                yield _Import(base, node.lineno)
+            for alias in node.names:  # each may be a module, which `_files` then finds
+                yield _Import(".".join(filter(None, (base, alias.name))), node.lineno)
+
+
+def _read(part: Part, path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(str(error), place=part.place, expected="sources that can be read, in UTF-8") from error
+
+
+def _check_size(part: Part, texts: Mapping[str, str]) -> None:
+    size = sum(len(text.encode()) for text in texts.values())
+    if size > MOST_BYTES or len(texts) > MOST_FILES:
+        expected = f"at most {MOST_FILES} files of {MOST_BYTES} bytes together"
+        raise ConfigError(f"{len(texts)} files of {size} bytes", place=part.place, expected=expected)

@@ -1,0 +1,250 @@
+"""The process of a part that decides: it runs one method of it, once, and ends.
+
+Everything that a part may import is imported here, before the process is confined; what it imports beside that must be
+among its recorded sources.
+"""
+
+import ast  # noqa: F401
+import bisect  # noqa: F401
+import collections  # noqa: F401
+import copy  # noqa: F401
+import dataclasses
+import difflib  # noqa: F401
+import fractions  # noqa: F401
+import hashlib  # noqa: F401
+import heapq  # noqa: F401
+import itertools  # noqa: F401
+import json  # noqa: F401
+import keyword  # noqa: F401
+import math
+import operator  # noqa: F401
+import random
+import statistics  # noqa: F401
+import string  # noqa: F401
+import sys
+import textwrap  # noqa: F401
+import time
+import tokenize  # noqa: F401
+from collections.abc import Callable, Mapping
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+import tacevo.parts as protocols
+from tacevo.profile import Graph, Node, Profile, Step
+from tacevo.records import Json
+from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.protocol import Header
+
+#: The types of settings.
+TYPES: Mapping[str, type] = {"int": int, "float": float, "bool": bool, "str": str}
+
+#: By how much the clocks of two processes that make one decision differ, in seconds.
+_LATER = 1_000_003
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class _Candidate:
+    """A `tacevo.parts.Candidate`."""
+
+    id: str
+    source: str
+    fitness: float
+    losses: tuple[float, ...]
+    parameters: int
+    flops: int
+    parents: tuple[str, ...]
+    curiosity: float
+
+
+class _Recorded(MetaPathFinder, Loader):
+    """Imports the modules of a part from their recorded texts."""
+
+    def __init__(self, sources: Mapping[str, str]) -> None:
+        self._sources = sources
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        """Find a module among the texts."""
+        place = name.replace(".", "/")
+        for file in (f"{place}/__init__.py", f"{place}.py"):
+            if file in self._sources:
+                return ModuleSpec(name, self, origin=file, is_package=file.endswith("/__init__.py"))
+        return None
+
+    def create_module(self, spec: ModuleSpec) -> None:
+        """Let Python make the module."""
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Run its text."""
+        file = str(module.__spec__.origin)  # type: ignore[union-attr]
+        exec(compile(self._sources[file], file, "exec"), module.__dict__)
+
+
+def decide(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
+    """Make one decision, and send it as one frame, `{"answer": ...}`, or `{"fault": ...}` where the part is at fault.
+
+    The header has `sources`, `module`, `attribute` and `base` of the part, its `settings`, the `method`, what is
+    `given` to it, and the number of the `process`, 0 or 1: two processes differ in their clocks and in the global
+    generators, which no decision may follow from.
+    """
+    number = header["process"]
+    random.seed(number)
+    np.random.seed(number)  # noqa: NPY002 - which a part could use
+    for name in ("time", "monotonic", "perf_counter", "process_time"):
+        setattr(time, name, _shifted(getattr(time, name), number * _LATER))
+        setattr(time, f"{name}_ns", _shifted(getattr(time, f"{name}_ns"), number * _LATER * 10**9))
+    sys.meta_path[:] = [_Recorded(header["sources"]), BuiltinImporter, FrozenImporter]
+    try:
+        answer: dict[str, Json] = {"answer": _METHODS[header["method"]](header)}
+    except Exception as error:
+        answer = {"fault": _told(error, header["sources"])}
+    send(answer, b"")
+    return None
+
+
+def _shifted(clock: Callable[[], Any], by: int) -> Callable[[], Any]:
+    return lambda: clock() + by
+
+
+def _told(error: Exception, sources: Mapping[str, str]) -> str:
+    """Say what a part raised, and in which line of it."""
+    place, trace = "", error.__traceback__
+    while trace is not None:
+        file = trace.tb_frame.f_code.co_filename
+        if file in sources:
+            place = f", {file}, line {trace.tb_lineno}"
+        trace = trace.tb_next
+    if isinstance(error, SyntaxError) and error.filename in sources:
+        place = f", {error.filename}, line {error.lineno}"
+    return f"{type(error).__name__}: {error}{place}"
+
+
+def _class(header: Header) -> type:
+    """Import the class of a part.
+
+    Raises:
+        TypeError: it is none of its kind, or no frozen dataclass.
+    """
+    module = __import__(header["module"], fromlist=[header["attribute"]])
+    made = getattr(module, header["attribute"])
+    base: type = getattr(protocols, header["base"])
+    if not (isinstance(made, type) and issubclass(made, base)):
+        raise TypeError(f"expected a class that extends tacevo.parts.{base.__name__}; got {made!r}")
+    if not (dataclasses.is_dataclass(made) and made.__dataclass_params__.frozen):  # type: ignore[attr-defined]
+        raise TypeError(f"expected {made.__name__} to be a dataclass(frozen=True); got one that can change")
+    return made
+
+
+def _part(header: Header) -> Any:
+    return _class(header)(**header["settings"])
+
+
+def _describe(header: Header) -> Json:
+    """Return the settings of a part with their types and defaults, and the constants of its class."""
+    made = _class(header)
+    fields: dict[str, Json] = {}
+    for field in dataclasses.fields(made):
+        kind = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", str(field.type))
+        if kind not in TYPES:
+            raise TypeError(f"expected a setting {field.name} of type {', '.join(TYPES)}; got {kind}")
+        default: Json = None if field.default is dataclasses.MISSING else field.default
+        fields[field.name] = {"type": kind, "default": default}
+    return {"fields": fields, "constants": {name: getattr(made, name) for name in header["given"]["constants"]}}
+
+
+def _check(header: Header) -> Json:
+    """Make the part, which may refuse its settings."""
+    _part(header)
+    return True
+
+
+def _generator(key: Any) -> np.random.Generator:
+    """Return a fresh generator of a key, two integers, as `tacevo.randomness.stream` makes it."""
+    return np.random.Generator(np.random.Philox(key=np.array(key, np.uint64)))
+
+
+def _candidates(given: Any) -> list[_Candidate]:
+    return [_Candidate(**{**one, "losses": tuple(one["losses"]), "parents": tuple(one["parents"])}) for one in given]
+
+
+def _pool(header: Header) -> Json:
+    given = header["given"]
+    candidates = {one.id: one for one in _candidates(given["candidates"])}
+    population = protocols.Population(
+        generation=given["generation"], candidates=candidates, elites=[candidates[name] for name in given["elites"]]
+    )
+    return _ids(_part(header).pool(population))
+
+
+def _draw_parents(header: Header) -> Json:
+    given = header["given"]
+    pool = _candidates(given["pool"])
+    return _ids(_part(header).draw(pool, given["number"], _generator(given["rng"])))
+
+
+def _ids(chosen: Any) -> list[str]:
+    return [one.id if isinstance(one, _Candidate) else repr(one)[:100] for one in chosen]
+
+
+def _draw_prompt(header: Header) -> Json:
+    given = header["given"]
+    history = protocols.PromptHistory(
+        trials=[protocols.Trial(**trial) for trial in given["trials"]],
+        changes={int(prompt): (count, total) for prompt, (count, total) in given["changes"].items()},
+    )
+    return int(_part(header).draw(history, tuple(given["pool"]), _generator(given["rng"])))
+
+
+def _next(header: Header) -> Json:
+    return _finite(_part(header).next(protocols.Generation(**header["given"]["ended"])))
+
+
+def _of(header: Header) -> Json:
+    return _finite(_part(header).of(tuple(header["given"]["losses"])))
+
+
+def _describe_network(header: Header) -> Json:
+    return _finite(_part(header).describe(_profile(header["given"]["profile"])))
+
+
+def _profile(value: Any) -> Profile:
+    """Read a profile, which was checked where it came from a candidate; here there is no pydantic."""
+    value = _frozen(value)
+    nodes = tuple(Node(**node) for node in value["graph"]["nodes"])
+    steps = tuple(Step(**step) for step in value["steps"])
+    return Profile(**{**value, "graph": Graph(**{**value["graph"], "nodes": nodes}), "steps": steps})
+
+
+def _frozen(value: Any) -> Any:
+    """Return JSON with tuples in place of its lists."""
+    if isinstance(value, dict):
+        return {key: _frozen(each) for key, each in value.items()}
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value
+
+
+def _centroids(header: Header) -> Json:
+    given = header["given"]
+    return [[_finite(value) for value in point] for point in _part(header).centroids(given["niches"], given["axes"])]
+
+
+def _finite(value: Any) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"expected a finite number; got {number}")
+    return number
+
+
+_METHODS: Mapping[str, Callable[[Header], Json]] = {
+    "describe": _describe,
+    "check": _check,
+    "parents.pool": _pool,
+    "parents.draw": _draw_parents,
+    "prompts.draw": _draw_prompt,
+    "temperatures.next": _next,
+    "fitness.of": _of,
+    "descriptors.describe": _describe_network,
+    "archives.centroids": _centroids,
+}

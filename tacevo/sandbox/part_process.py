@@ -1,0 +1,122 @@
+"""Decisions of a part, each in a confined process of its own; of what it sends, nothing is trusted.
+
+What it promises: a decision follows from the part's recorded sources, its settings and what is given. A part that
+hangs, raises, or decides by a clock or a generator of its own is an error that names it, and never a decision.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Self
+
+from tacevo.choices import Confinement
+from tacevo.errors import PartError
+from tacevo.parts.kinds import Kind
+from tacevo.records import Json, Limits, Record
+from tacevo.sandbox.client import AnswerError, Died, Sandbox
+from tacevo.typed import UncheckedJson
+
+#: What one decision may take.
+LIMITS = Limits(seconds=20.0, memory_mib=1024)
+
+#: One thread, and the instructions that every CPU with AVX2 has, so that sums come out alike.
+_ENVIRONMENT = {
+    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
+    "OPENBLAS_CORETYPE": "Haswell",
+    "NPY_DISABLE_CPU_FEATURES": "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """A part as a run records it."""
+
+    kind: Kind
+    name: str
+    module: str
+    attribute: str
+    #: Texts by file (`tacevo.parts.sources.read_sources`).
+    sources: Mapping[str, str]
+    settings: Mapping[str, Json] = field(default_factory=dict)
+
+    @property
+    def place(self) -> str:
+        """The setting that chose it, for an error."""
+        return f"{self.kind.setting}={self.name}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Answer(Record):
+    """What the process of a part sends: an answer, or what it raised."""
+
+    answer: UncheckedJson = None
+    fault: str | None = None
+
+
+class PartProcess:
+    """Runs the methods of parts, each in fresh processes; made when it is first needed, ended by `close`."""
+
+    def __init__(self, strongest: Confinement = Confinement.kernel) -> None:
+        self._strongest = strongest
+        self._sandbox: Sandbox | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End all its processes."""
+        if self._sandbox is not None:
+            self._sandbox.close()
+            self._sandbox = None
+
+    def ask(self, part: Recorded, method: str, given: Json) -> Json:
+        """Make one decision twice, and return it.
+
+        Raises:
+            PartError: the part raised, took too long or too much memory, or decided otherwise the second time.
+            SandboxError: processes cannot be confined here.
+        """
+        first, second = (self._once(part, method, given, process) for process in range(2))
+        if first != second:
+            raise PartError(
+                f"{_brief(first)}, and then {_brief(second)}, for the same",
+                place=f"{part.place}, {method}",
+                expected="a decision that follows from what is given",
+                remedy="draw from `rng` alone; read no clock, no global generator, no `id` or `hash`",
+            )
+        return first
+
+    def _once(self, part: Recorded, method: str, given: Json, process: int) -> Json:
+        if self._sandbox is None:
+            entries = {"decide": "tacevo.sandbox.part:decide"}
+            self._sandbox = Sandbox(entries=entries, environment=_ENVIRONMENT, arrays={}, strongest=self._strongest)
+        header: dict[str, Json] = {
+            "sources": dict(part.sources),
+            "module": part.module,
+            "attribute": part.attribute,
+            "base": part.kind.base,
+            "settings": dict(part.settings),
+            "method": method,
+            "given": given,
+            "process": process,
+        }
+        outcome = self._sandbox.run("decide", header, b"", LIMITS)
+        if isinstance(outcome, Died):
+            got, expected = f"{outcome.reason}: {outcome.detail}", "a decision"
+            raise PartError(got, place=f"{part.place}, {method}", expected=expected)
+        try:
+            (frame,) = outcome.frames
+            answer = frame.read(_Answer)
+        except (AnswerError, ValueError) as error:
+            raise PartError(str(error), place=f"{part.place}, {method}", expected="one decision") from error
+        if answer.fault is not None:
+            raise PartError(answer.fault, place=f"{part.place}, {method}", expected="a decision")
+        return answer.answer
+
+
+def _brief(value: Json, limit: int = 80) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= limit else f"{text[: limit - 3]}..."
