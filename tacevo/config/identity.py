@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import combinations
 
 from tacevo.choices import OPTIONAL_SAMPLING
+from tacevo.config.chosen import own_settings
 from tacevo.config.deciding import parts_identity
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
@@ -25,7 +26,10 @@ def identity(config: RunConfig) -> dict[str, Json]:
     return {
         "seed": config.seed,
         "search": {"candidates": config.search.candidates, "initial": config.search.initial},
-        "llm": llm_identity(config.llm),
+        "llm": {
+            **llm_identity(config.llm),
+            **({"own": dict(own)} if (own := own_settings(config, config.llm.provider)) else {}),
+        },
         "archive": archive,
         "temperature": written(config.temperature),
         "prompts": written(config.prompts),
@@ -45,7 +49,9 @@ def task_hash(task: Task) -> str:
 def llm_identity(llm: LLMConfig) -> dict[str, Json]:
     """Return the settings of a model that decide its answers; those that came later only where they are set."""
     named = ("provider", "model", "max_tokens", "slip_rate", "system", "space", *OPTIONAL_SAMPLING)
-    return {name: value for name, value in written(replace(llm, model=llm.name)).items() if name in named}
+    provider = llm.provider.rpartition(":")[2]  # of one in a file, its class: no path is recorded
+    asked = written(replace(llm, model=llm.name, provider=provider))
+    return {name: value for name, value in asked.items() if name in named}
 
 
 def config_hash(config: RunConfig) -> str:

@@ -32,6 +32,7 @@ def relative(path: str) -> str:
 #: Settings that are paths, and what is published of them.
 _PATHS: Mapping[str, Callable[[str], str]] = {
     "data.root": last_part,
+    **dict.fromkeys(("data.source", "llm.provider", "executor.kind"), relative),  # of a part, FILE.py:CLASS
     "data.table": relative,
     "data.sensor": relative,
     "data.pattern": relative,

@@ -1,10 +1,12 @@
 """Whoever installs a package may use its parts by their names, and whoever has not got it can read what they made."""
 
+import json
 import re
 import shutil
 from pathlib import Path
 
 import pytest
+from bundles import members_of
 from checkout import ROOT
 from refusals import refused
 from rooms import Ended, run_without
@@ -27,13 +29,16 @@ SETTINGS = " ".join(
 
 CHOSEN = f"{SETTINGS} data.source=robot llm.provider=echo llm.model=parrot executor.kind=lab tracking.kind=notes"
 
+FILES = f"data.source={LAB}/mylab.py:Robot llm.provider={LAB}/mylab.py:Echo"
+
 FIRST = {
     "search": f"search {CHOSEN} run.dir=run",
     "tables": "tables run --output tables",
     "publish": "publish run --output run.zip",
     "help": "--help",
     "greet": "greet you",
-    "file": f"search {SETTINGS} data.source={LAB}/mylab.py:Robot llm=grammar tracking=none run.dir=by_file",
+    "file": f"search {SETTINGS} {FILES} llm.model=parrot parts.Robot.touches=30 tracking=none run.dir=by_file",
+    "its bundle": "publish by_file --output by_file.zip",
 }
 
 
@@ -64,13 +69,28 @@ def test_parts_of_a_package_are_used_by_name(recorded: Path) -> None:
     assert (recorded / "tables/more/widths.csv").read_text() == "candidates\n3\n"
     assert re.search("^parts:\n  greet +of mylab 1.0$", (recorded / "help.out").read_text(), re.MULTILINE)
     assert "hello, you" in (recorded / "greet.out").read_text()
-    assert (recorded / "by_file/ledger.jsonl").exists()
+
+
+def test_part_in_a_file_is_used_and_its_place_is_published_nowhere(recorded: Path) -> None:
+    """Its own settings have the name of its class."""
+    run = json.loads((recorded / "by_file/run.json").read_text())
+    assert sum(run["data"]["counts"]) == run["config"]["parts"]["Robot"]["touches"] == 30
+    members = members_of(recorded / "by_file.zip")
+    assert "mylab.py:Robot" in members["run/run.json"].decode()
+    assert not [name for name, content in members.items() if str(LAB).encode() in content]
 
 
 def test_whoever_lacks_the_package_reads_replays_and_compares(recorded: Path, tmp_path: Path) -> None:
     """A run, its bundle and its tables need none of the parts; what needs one says which."""
     shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
-    needless = ["show run", "tables run --output tables", "replay run", "replay run.zip", "replay by_file"]
+    needless = [
+        "show run",
+        "tables run --output tables",
+        "replay run",
+        "replay run.zip",
+        "replay by_file",
+        "replay by_file.zip",
+    ]
     for status, _, said in run_without("", needless, tmp_path / "hidden", tmp_path):
         assert status == 0, said
     needing = {
