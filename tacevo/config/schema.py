@@ -19,7 +19,6 @@ from tacevo.choices import (
     BoundsRule,
     Confinement,
     Device,
-    FitnessRule,
     GratingClasses,
     Layout,
     LightScene,
@@ -317,7 +316,7 @@ class TrainingConfig(Record):
     layout: Layout = Layout.contiguous  #: with `device=cuda`: how images and weights lie in its memory
     #: With `device=cuda`: whether the step of a training is recorded once and replayed, where the network allows it.
     captured: bool = True
-    fitness: FitnessRule = FitnessRule.last  #: what a training's fitness is of its validation losses
+    fitness: Part = "last"  #: what a training's fitness is of its validation losses
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
-from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import AddStatus, AxisBounds
+from tacevo.parts import Fitness
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
 
 #: The sampling setting that a search adapts.
@@ -180,7 +180,7 @@ def source_hash(source: str) -> str:
     return hashlib.sha256(source.encode()).hexdigest()
 
 
-def with_training(line: CandidateLine, training: Training, rule: FitnessRule) -> CandidateLine:
+def with_training(line: CandidateLine, training: Training, rule: Fitness) -> CandidateLine:
     """Return a line with what its training gave."""
     return replace(line, fitness=rule.of(training.validation_losses), **of_training(training))
 
@@ -198,7 +198,7 @@ def of_training(training: Training) -> dict[str, Any]:
 
 
 def with_result(
-    line: CandidateLine, result: Training | Rejection, *, evaluation: str | None, rule: FitnessRule
+    line: CandidateLine, result: Training | Rejection, *, evaluation: str | None, rule: Fitness
 ) -> CandidateLine:
     """Return a line with what gate and training found; `evaluation` names the training, where there was one."""
     line = replace(line, evaluation=evaluation)

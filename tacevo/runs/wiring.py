@@ -74,7 +74,7 @@ def build_plan(
         repairs=config.proposals.repair_attempts,
         skipped=config.proposals.skipped,
         budget=_budget(config, facts),
-        fitness=config.training.fitness,
+        fitness=parts.fitness(),
     )
 
 
