@@ -14,7 +14,6 @@ NOTE.md         what readers must know, if somebody wrote it (tacevo.storage.not
 import contextlib
 import hashlib
 import os
-from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
@@ -23,7 +22,6 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 
-from tacevo.choices import FitnessRule
 from tacevo.costs import Spending
 from tacevo.environment import Code
 from tacevo.errors import RunError
@@ -93,13 +91,6 @@ class RunRecord(Record):
     elsewhere: bool = False
 
     LATER: ClassVar[frozenset[str]] = frozenset({"trivial", "elsewhere"})
-
-    @property
-    def fitness_rule(self) -> FitnessRule:
-        """What a fitness is of the losses of a training; the paper's where the configuration does not say it."""
-        training = self.config.get("training")
-        known = training if isinstance(training, Mapping) else {}
-        return FitnessRule(str(known.get("fitness", FitnessRule.last)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
