@@ -52,6 +52,7 @@ COMMANDS = {name: described for group in GROUPS.values() for name, described in 
 
 #: What replaced commands of the last release.
 _REPLACED = {
+    "cache explain": "cat cache/KIND/KE/KEY.json",
     "cache ls": "tacevo cache verify",
     "continue": "tacevo extend RUN search.generations=N",
     "paper": "tacevo report RUN... --latex",

@@ -180,11 +180,6 @@ def source_hash(source: str) -> str:
     return hashlib.sha256(source.encode()).hexdigest()
 
 
-def with_training(line: CandidateLine, training: Training, rule: Fitness) -> CandidateLine:
-    """Return a line with what its training gave."""
-    return replace(line, fitness=rule.of(training.validation_losses), **of_training(training))
-
-
 def of_training(training: Training) -> dict[str, Any]:
     """Return what a training gave by the names that lines have for it."""
     return {
@@ -204,7 +199,7 @@ def with_result(
     line = replace(line, evaluation=evaluation)
     if isinstance(result, Rejection):
         return replace(line, stage=result.stage, reason=result.reason)
-    return with_training(line, result, rule)
+    return replace(line, fitness=rule.of(result.validation_losses), **of_training(result))
 
 
 def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: int) -> int:
