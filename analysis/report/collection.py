@@ -4,19 +4,18 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from analysis.motifs.motifs import read_anatomies
+from analysis.report.outputs import Outputs, outputs
 from analysis.runs.niches import Niches, load_niches
 from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
-from analysis.studies.image_findings import ImageFindings, image_findings
-from analysis.studies.predictions import load_predictions
+from analysis.studies.other_data import is_alone
 from analysis.studies.reestimates import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
-from analysis.studies.transfer import is_alone, sensor_groups, transfers
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
 from analysis.tables.dynamics import (
@@ -29,14 +28,11 @@ from analysis.tables.dynamics import (
     temperatures_table,
 )
 from analysis.tables.health import health_table, niches_table
-from analysis.tables.images import image_tables
 from analysis.tables.instruction_tables import instructions_table
-from analysis.tables.motifs import motifs_table
 from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
 from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
-from analysis.tables.transfer import sensor_table, transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
 from tacevo.results.grouped import check_groups, lacks_groups
@@ -60,8 +56,8 @@ class Compared:
     comparisons: pd.DataFrame | None
     #: Why it cannot be compared; empty where it is.
     uncompared: str = ""
-    #: What its test images say; None where it keeps no test predictions, or its store is elsewhere.
-    images: ImageFindings | None = None
+    #: What each output found in it (`tacevo.parts.output.Output.findings`), by the output's name.
+    found: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,19 +97,19 @@ def collect(path: Path, store: Path | None = None) -> Collection:
 
 
 def collection_of(run: RecordedRun, studies: Studies) -> Collection:
-    """Return a run with its studies, and what their test images say.
+    """Return a run with its studies, and what outputs find in them, such as what their test images say.
 
     Raises:
         RunError: the niches are not those of the run.
     """
-    on_images = [_on_images(run, one) for one in studies.studies]
+    found = [outputs().findings(run, one) for one in studies.studies]
     return Collection(
         run=run,
         niches=load_niches(run),
-        studies=tuple(replace(one, images=images) for one, (images, _) in zip(studies.studies, on_images, strict=True)),
+        studies=tuple(replace(one, found=known) for one, (known, _) in zip(studies.studies, found, strict=True)),
         reestimates=studies.reestimates,
         left_out=studies.left_out,
-        remarks=(*(missed for _, reasons in on_images for missed in reasons), *studies.remarks),
+        remarks=(*(missed for _, reasons in found for missed in reasons), *studies.remarks),
         unread=studies.unread,
         finished=studies.finished,
     )
@@ -196,16 +192,6 @@ def _compared(study: RecordedStudy) -> tuple[pd.DataFrame | None, str]:
         return compare(study), ""
     except RunError as error:
         return None, str(error)
-
-
-def _on_images(run: RecordedRun, one: Compared) -> tuple[ImageFindings | None, list[str]]:
-    """Compare a study's networks on its test images; where it keeps them and they cannot be read, return the reason."""
-    try:
-        predictions = load_predictions(one.study, run.stores)
-    except (CacheMissError, StoreError) as error:
-        reason = error if run.has_predictions else "the bundle of a sweep holds no test predictions"
-        return None, [f"no tables of the test images of {run.path / 'studies' / one.name}: {reason}"]
-    return None if predictions is None else image_findings(one.study, predictions), []
 
 
 def with_largest_studies(collection: Collection) -> Collection:
@@ -296,11 +282,15 @@ def outcomes(run: RecordedRun, whole: Studies) -> dict[str, Table]:
     }
 
 
-def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
+def tables_of(
+    collection: Collection, profiles: Mapping[str, Profile] | None, installed: Outputs | None = None
+) -> tuple[Table, ...]:
     """Return every table of a run and its studies; the names of a study's tables begin with its own.
 
-    Without the profiles of its trained candidates, by id, there is no table of motifs.
+    Without the profiles of its trained candidates, by id, there is no table of motifs. Of installed outputs there are
+    those of ours unless others are given; what is missing of them, who calls must say.
     """
+    known = outputs(ours=True) if installed is None else installed
     run = collection.run
     is_read = not collection.unread
     tables = [improvement_table(run, collection.reestimates)] if is_read else []
@@ -315,19 +305,13 @@ def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) ->
     tables += [health_table(run, collection.niches.networks), niches_table(run, collection.niches)]
     if run.elites:
         tables.append(lineage_table(run, run.ranked()[0].id))
-    if profiles is not None:
-        tables.append(motifs_table(run, read_anatomies(run, profiles)))
-    across = transfers((compared.study, compared.comparisons) for compared in collection.studies)
-    sensors = sensor_groups((compared.study for compared in collection.studies), run.config.data)
+    tables += known.tables(collection, profiles)
     everywhere = [compared.study for compared in (*collection.studies, *collection.passed_over)]
     for compared in collection.studies:
         of_study = [
             *study_tables(compared.study, compared.comparisons, is_alone=is_alone(compared.study, everywhere)),
-            *image_tables(compared.study, compared.images),
+            *known.study_tables(collection, compared),
         ]
-        own = [one for one in across if one[0][0] is compared.study]
-        of_study += [table for one in own for table in transfer_tables(one)]
-        of_study += [sensor_table(group) for group in sensors if group[0].study is compared.study]
         tables += [_of_study(table, compared) for table in of_study]
     sources = {candidate.id: candidate.source for candidate in run.candidates}
     for one in collection.reestimates:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -10,11 +10,11 @@ from scipy.stats import friedmanchisquare
 
 from analysis.statistics.tests import blocked_mann_whitney, holm, sign_p
 from analysis.studies.comparison import Verdict
+from analysis.studies.other_data import shared_terms
 from tacevo.choices import ALL_SENSORS
 from tacevo.config.schema import DataConfig
 from tacevo.records import to_json
 from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
-from tacevo.results.study_lines import Design
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
 
@@ -32,7 +32,7 @@ def transfers(studies: Iterable[OnData]) -> tuple[tuple[OnData, ...], ...]:
     for study, comparisons in studies:
         sensors = _setting(study, "sensor")
         joined = -1 if sensors == ALL_SENSORS else sensors.count("+")
-        key = _shared(study), tested_sensor(study) is not None, joined
+        key = shared_terms(study), tested_sensor(study) is not None, joined
         groups.setdefault(key, {}).setdefault(study.fingerprint, (study, comparisons))
     return tuple(
         tuple(sorted(group.values(), key=lambda pair: (bool(pair[0].other_data), _by_numbers(pair[0].where))))
@@ -81,7 +81,7 @@ def sensor_groups(studies: Iterable[RecordedStudy], own: DataConfig) -> tuple[tu
         settings = {name: getattr(own, name) for name in _OF_SENSORS} | dict(study.other_data)
         rest = {name: to_json(value) for name, value in study.other_data if name not in _OF_SENSORS}
         trained, tested = _in_words(str(settings["sensor"]), settings["test_sensor"], settings["shots"])
-        key = content_hash([_shared(study), rest])
+        key = content_hash([shared_terms(study), rest])
         groups.setdefault(key, {}).setdefault((trained, tested), OnSensors(study=study, trained=trained, tested=tested))
     return tuple(
         tuple(group.values())
@@ -160,14 +160,3 @@ def joint(studies: Sequence[OnData]) -> pd.DataFrame:
         is_shown = np.array(corrected) <= first.terms.alpha
         frame = frame.assign(**{f"p_{where}": corrected, where: words.where(is_shown, Verdict.undecided.value)})
     return frame[list(JOINT)].astype(JOINT)
-
-
-def is_alone(study: RecordedStudy, others: Iterable[RecordedStudy]) -> bool:
-    """Return whether no other study has its networks, alike, on other data."""
-    return not any(_shared(one) == _shared(study) and one.fingerprint != study.fingerprint for one in others)
-
-
-def _shared(study: RecordedStudy) -> str:
-    """Name what a study has in common with itself on other data; a plan is of one of them, and changes no score."""
-    kept = {field.name for field in fields(Design)} - {"data", "other_data", "plan"}
-    return content_hash({name: to_json(getattr(study, name)) for name in kept})

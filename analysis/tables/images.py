@@ -1,18 +1,24 @@
 """The tables of a study's test images: ensembles, and the variants on each output."""
 
+from collections.abc import Sequence
 from statistics import fmean
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from analysis.statistics.effects import LEVEL
 from analysis.statistics.image_statistics import IMAGE_RESAMPLES
-from analysis.studies.image_findings import ImageFindings
+from analysis.studies.image_findings import ImageFindings, image_findings
 from analysis.studies.metric_names import SHARES, metric_name, recorded_scale, recorded_unit
+from analysis.studies.predictions import load_predictions
 from analysis.studies.warnings import group_power_note
 from analysis.table import Percent, PValue, Table
 from analysis.tables.comparison import scaled, score_cell, unit_of
+from tacevo.errors import CacheMissError, StoreError
+from tacevo.parts.output import Output
 from tacevo.records import Kind
 from tacevo.results.grouped import images_tested
+from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import fewest_groups, fewest_seeds
 from tacevo.results.trivial import trivial_score
@@ -20,12 +26,32 @@ from tacevo.rounding import rounded
 from tacevo.rules import KEPT_SINCE
 from tacevo.text import counted
 
+if TYPE_CHECKING:
+    from analysis.report.collection import Collection, Compared
+
 #: Of a study of an earlier release.
 UNRECORDED = (
     "The test images come in groups, such as the frames of a press, which this study does not record, being of an "
     "earlier release. Each image is counted as if it were recorded alone, so p is too small and intervals are too "
     "narrow. Study the run again with this release, which trains once more and records the groups."
 )
+
+
+class ImageTests(Output):
+    """Adds what the test images of a study say: ensembles, and the variants on each output."""
+
+    def findings(self, run: RecordedRun, study: "Compared") -> tuple[ImageFindings | None, list[str]]:
+        """Compare a study's networks on its test images; where it keeps them and they cannot be read, say why."""
+        try:
+            predictions = load_predictions(study.study, run.stores)
+        except (CacheMissError, StoreError) as error:
+            reason = error if run.has_predictions else "the bundle of a sweep holds no test predictions"
+            return None, [f"no tables of the test images of {run.path / 'studies' / study.name}: {reason}"]
+        return None if predictions is None else image_findings(study.study, predictions), []
+
+    def study_tables(self, run: "Collection", study: "Compared") -> Sequence[Table]:
+        """Make the tables; without test predictions, one that says so."""
+        return image_tables(study.study, study.found.get("images"))
 
 
 def image_tables(study: RecordedStudy, findings: ImageFindings | None) -> tuple[Table, ...]:

@@ -1,13 +1,18 @@
 """The table of motifs: how often each occurs, beside the published counts."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from analysis.motifs.motifs import count_motifs
+from analysis.motifs.motifs import count_motifs, read_anatomies
 from analysis.motifs.structure import Anatomy
 from analysis.table import PValue, Table
+from tacevo.parts.output import Output
+from tacevo.profile import Profile
 from tacevo.results.run import TOP, RecordedRun
 from tacevo.text import counted, listed
+
+if TYPE_CHECKING:
+    from analysis.report.collection import Collection
 
 #: The variants of each task, by number, that have a change by the authors' supplement (docs/references.bib,
 #: tacevo_supplement, appendices A and B). A change with the name of one of our motifs is that motif; a head of 4 or 5
@@ -37,6 +42,14 @@ SUPPLEMENT: Mapping[str, Mapping[str, tuple[int, ...]]] = {
 
 #: Variants of each task in the supplement.
 VARIANTS = 4
+
+
+class Motifs(Output):
+    """Adds the table of motifs to a run whose networks' profiles are known."""
+
+    def tables(self, run: "Collection", profiles: Mapping[str, Profile] | None) -> Sequence[Table]:
+        """Make the table; none without profiles."""
+        return () if profiles is None else (motifs_table(run.run, read_anatomies(run.run, profiles)),)
 
 
 def motifs_table(run: RecordedRun, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> Table:

@@ -16,6 +16,7 @@ from analysis.rounding import shown
 from analysis.runs.dynamics import improvement
 from analysis.statistics.tests import holm
 from analysis.table import Cell, Percent, PValue, Table, percent
+from tacevo.parts.output import Output
 from tacevo.results.run import RecordedRun
 from tacevo.text import listed
 
@@ -39,6 +40,14 @@ class Finding(StrEnum):
     too_large = "too large"
     #: The printed p is a bound, and what is printed is among what it allows.
     open = "not refuted by a bound"
+
+
+class Published(Output):
+    """Sets runs beside the published ones."""
+
+    def beside(self, runs: Sequence[RecordedRun]) -> Sequence[Table]:
+        """Make the table; none without runs."""
+        return (beside_published(runs),) if runs else ()
 
 
 def published_tables() -> tuple[Table, ...]:

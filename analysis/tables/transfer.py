@@ -2,22 +2,40 @@
 
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analysis.statistics.tests import sign_p
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.studies.metric_names import metric_name
-from analysis.studies.transfer import OnData, OnSensors, concordance, joint, tested_sensor
+from analysis.studies.transfer import OnData, OnSensors, concordance, joint, sensor_groups, tested_sensor, transfers
 from analysis.table import Cell, Percent, PValue, Table
 from analysis.tables.comparison import margin_in_words, score_cell
+from tacevo.parts.output import Output
 from tacevo.results.study import RecordedStudy
 from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.rounding import rounded
 from tacevo.text import assignments, counted
 
+if TYPE_CHECKING:
+    from analysis.report.collection import Collection, Compared
+
 #: What the run's own data are called beside other data.
 OWN = "the run's"
+
+
+class Transfer(Output):
+    """Adds what studies of the same networks on several data sets say together, to the first of them."""
+
+    def study_tables(self, run: "Collection", study: "Compared") -> Sequence[Table]:
+        """Make the tables of transfer, and those of sensors."""
+        across = transfers((one.study, one.comparisons) for one in run.studies)
+        sensors = sensor_groups((one.study for one in run.studies), run.run.config.data)
+        return [
+            *(table for one in across if one[0][0] is study.study for table in transfer_tables(one)),
+            *(sensor_table(group) for group in sensors if group[0].study is study.study),
+        ]
 
 
 def transfer_tables(studies: Sequence[OnData]) -> list[Table]:

@@ -43,9 +43,9 @@ def replay(place: Opened, store: str | None, view: Progress, *, trusts: bool = F
 
 def verified_bundle(bundle: Opened, view: Progress, *, trusts: bool = False) -> Verified:
     """Verify a bundle with the tables of the analysis; `trusts` is as of `replay`."""
-    from tacevo.api.pages import table_files  # what computes tables takes two seconds to import
+    from tacevo.api.pages import can_make, table_files  # what computes tables takes two seconds to import
 
-    return verify(bundle, partial(table_files, say=view.say), view, trusts=trusts)
+    return verify(bundle, partial(table_files, say=view.say), view, can_make=can_make, trusts=trusts)
 
 
 def extended(published: Opened, overrides: Sequence[str], view: Progress, *, trusts: bool = False) -> Result:

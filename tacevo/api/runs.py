@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
+from analysis.report.outputs import outputs
 from analysis.runs import dynamics
 from analysis.runs.pareto import beside_costs, on_front
 from analysis.studies.reestimates import losses_by_source
@@ -241,7 +242,8 @@ class Run:
         """
         from analysis.report.figure_list import pictures_of  # Matplotlib takes a second to import
 
-        drawn = {picture.name: picture.draw for picture in pictures_of(self.collection)}
+        pictures = (*pictures_of(self.collection), *outputs().figures(self.collection))
+        drawn = {picture.name: picture.draw for picture in pictures}
         return self._named({"samples": self._draw_samples, **drawn}, "run.figures")
 
     @property
@@ -273,11 +275,13 @@ class Run:
             self.__dict__.pop(name, None)
 
     def all_tables(self) -> tuple[tuple[Rows, ...], list[str]]:
-        """Return its tables, and why there are none of motifs, if there are none."""
+        """Return its tables, and why others are missing, a sentence each."""
+        known = outputs()
         try:
-            return tables_of(self.collection, recall_profiles(self.recorded)), []
+            profiles, missing = recall_profiles(self.recorded), list(known.missing.values())
         except (CacheMissError, RunError) as error:
-            return tables_of(self.collection, None), [f"no table of motifs: {error}"]
+            profiles, missing = None, [*known.missing.values(), f"no table of motifs: {error}"]
+        return tables_of(self.collection, profiles, known), missing
 
     def __repr__(self) -> str:
         """Name it, and say what it lacks; once its studies were read, which takes seconds, also why some are out."""

@@ -17,8 +17,8 @@ from tacevo.config.identity import identity, llm_identity
 from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.costs import total
 from tacevo.errors import ConfigError, RunError
+from tacevo.results.looked_up import with_table
 from tacevo.results.run import read_run
-from tacevo.results.table_files import with_table
 from tacevo.rules import CURRENT, Rules
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress

@@ -15,7 +15,7 @@ from tacevo.errors import BundleError, RunError
 from tacevo.evolution.run_files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
-from tacevo.results.space_table import is_table
+from tacevo.results.table_header import is_table
 from tacevo.storage.array_store import KIND
 from tacevo.storage.members import Member
 from tacevo.storage.places import check_place

@@ -51,6 +51,8 @@ class Verified:
     entries: int | None = None
     #: Files of tables that were made again, and are equal.
     tables: int = 0
+    #: Files of tables that cannot be made here, because a part is not installed: their checksums were right.
+    unmade: int = 0
     #: Files of tables of an older form (`tacevo.rules.PAGES`): their checksums were right.
     older: int = 0
     #: Files of figures: their checksums were right.
@@ -62,11 +64,13 @@ def verify(
     make_tables: Callable[[Path, Sequence[Rerun]], Mapping[str, bytes]],
     view: Progress,
     *,
+    can_make: Callable[[str], bool] = bool,
     trusts: bool = False,
 ) -> Verified:
     """Replay a bundle from its own store entries, and compare everything that follows from them.
 
-    Tables, by their file names, are made from the directory of a run or a sweep, and from what was read of its runs.
+    Tables, by their file names, are made from the directory of a run or a sweep, and from what was read of its runs;
+    those that cannot be made here, because a part is not installed, are not compared.
 
     Raises:
         DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's line, a
@@ -80,11 +84,14 @@ def verify(
         _check_entries(bundle.store, read)
         tables = files_below(bundle.root / "tables")
         if current := all(run.pages == PAGES for run in runs):
-            compare_tables(tables, make_tables(bundle.folder, runs))
+            made = make_tables(bundle.folder, runs)
+            there = {name: content for name, content in tables.items() if can_make(name)}
+            compare_tables(there, {name: content for name, content in made.items() if can_make(name)})
     return Verified(
         runs=runs,
         entries=len(read),
-        tables=len(tables) if current else 0,
+        tables=len(there) if current else 0,
+        unmade=len(tables) - len(there) if current else 0,
         older=0 if current else len(tables),
         figures=len(files_below(bundle.root / "figures")),
     )

@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import importlib
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -13,42 +12,44 @@ from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED,
 from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.config.conf_folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
+from tacevo.parts.kinds import COMMANDS
+from tacevo.parts.registry import Part, missing, parts
 from tacevo.text import unbroken
 
-#: By group, each command's module, whose `add_<command>` describes it, and its line in the help. A module is imported
-#: when its command is given, so that this help is quick.
+#: By group, each command's line in the help. Its module is imported when it is given, so that this help is quick.
 GROUPS = {
     "search": {
-        "search": ("search", "run a search or a sweep, or continue one that was stopped"),
-        "extend": ("arguments", "search on from the end of a published run"),
-        "study": ("arguments", "train a run's best networks and the baseline fully, with many seeds, and test them"),
-        "noise": ("arguments", "train a run's elites again with other seeds, to see how much of each fitness was luck"),
-        "tabulate": ("arguments", "train every network of a closed space, for searches that look evaluations up"),
-        "plan": ("arguments", "compute how many seeds are needed to detect an effect of a given size, and the cost"),
+        "search": "run a search or a sweep, or continue one that was stopped",
+        "extend": "search on from the end of a published run",
+        "study": "train a run's best networks and the baseline fully, with many seeds, and test them",
+        "noise": "train a run's elites again with other seeds, to see how much of each fitness was luck",
+        "tabulate": "train every network of a closed space, for searches that look evaluations up",
+        "plan": "compute how many seeds are needed to detect an effect of a given size, and the cost",
     },
     "reproduce": {
-        "replay": ("arguments", "run a recorded search again from its stores and compare"),
-        "export": ("arguments", "take a network away: its weights, ONNX, a model card"),
-        "publish": ("arguments", "write one file with which anybody can replay a run or a sweep"),
-        "cache": ("cache", "look into the stores of answers, move what a run needs, remove what none does"),
+        "replay": "run a recorded search again from its stores and compare",
+        "export": "take a network away: its weights, ONNX, a model card",
+        "publish": "write one file with which anybody can replay a run or a sweep",
+        "cache": "look into the stores of answers, move what a run needs, remove what none does",
     },
     "analyse": {
-        "show": ("arguments", "show what a run found, one candidate of it, or how far the jobs of a sweep are"),
-        "tables": ("arguments", "write every table of runs and sweeps, those that a paper needs first"),
-        "figures": ("arguments", "draw every figure of runs and sweeps, for a paper"),
-        "report": ("arguments", "write one page to look into a run or a sweep, or a LaTeX document of several"),
-        "ablations": ("arguments", "compare the arms of a sweep: tables and figures"),
+        "show": "show what a run found, one candidate of it, or how far the jobs of a sweep are",
+        "tables": "write every table of runs and sweeps, those that a paper needs first",
+        "figures": "draw every figure of runs and sweeps, for a paper",
+        "report": "write one page to look into a run or a sweep, or a LaTeX document of several",
+        "ablations": "compare the arms of a sweep: tables and figures",
     },
     "tools": {
-        "init": ("init", "write a task of your own, copied from another one, to be edited"),
-        "data": ("data", "look at a data set, or write a simulated one as files"),
-        "check": ("inspect", "put raw answers of a model through the gate"),
-        "track": ("search", "write the ledgers of runs into MLflow, or what is missing of them there"),
-        "doctor": ("inspect", "check whether this machine has what a run needs"),
+        "init": "write a task of your own, copied from another one, to be edited",
+        "data": "look at a data set, or write a simulated one as files",
+        "check": "put raw answers of a model through the gate",
+        "track": "write the ledgers of runs into MLflow, or what is missing of them there",
+        "doctor": "check whether this machine has what a run needs",
     },
 }
 
-COMMANDS = {name: described for group in GROUPS.values() for name, described in group.items()}
+#: Of all our commands.
+LINES = {name: line for group in GROUPS.values() for name, line in group.items()}
 
 #: What replaced commands of the last release.
 _REPLACED = {
@@ -62,7 +63,7 @@ _REPLACED = {
 }
 
 #: The modules whose commands do not need our package `analysis`.
-WITHOUT_ANALYSIS = frozenset({"search", "init", "data", "cache"})
+WITHOUT_ANALYSIS = frozenset({"search", "track", "init", "data", "cache"})
 
 _DESCRIPTION = "Architecture search for vision-based tactile sensors that can be replayed bit for bit."
 
@@ -113,6 +114,10 @@ def run(read: Callable[[], argparse.Namespace], *, is_process: bool) -> int:
             names = {BundleError: "refused", DivergenceError: "different"}
             tell(f"{names.get(type(error), 'error')}: {error}", error=True)
             return DIFFERENT if type(error) in names else MISTAKE
+        except ModuleNotFoundError as error:  # a part, or a library of it, that was not installed
+            _end_at_once(is_process=is_process)
+            tell(f"error: {missing(error)}", error=True)
+            return MISTAKE
         except OSError as error:  # a full disk, a directory without permission
             _end_at_once(is_process=is_process)
             named = error.filename is not None and error.strerror is not None
@@ -166,21 +171,29 @@ def _parser(command: str | None, second: str | None) -> Parser:
     commands = parser.add_subparsers(
         required=True, metavar="COMMAND", help="one of those above; each has its own --help"
     )
-    for name, (module, line) in COMMANDS.items():
-        described = commands.add_parser(name, description=f"{line[0].upper()}{line[1:]}.")
-        if name == command:
-            if module not in WITHOUT_ANALYSIS:
+    for part in parts(COMMANDS):
+        line = _line(part)
+        described = commands.add_parser(part.name, description=f"{line[0].upper()}{line[1:]}.")
+        if part.name == command:
+            if part.module.rpartition(".")[2] not in WITHOUT_ANALYSIS:
                 check_analysis()
-            getattr(importlib.import_module(f"tacevo.cli.{module}"), f"add_{name}")(described)
+            part.load()(described)
     return parser
+
+
+def _line(part: Part) -> str:
+    """Return the line of a command in the help; of one that is not ours, which package has it."""
+    return LINES[part.name] if part.is_ours else f"of {part.origin}"
 
 
 def _listed() -> str:
     """List all commands, a line each, by group: argparse has no groups of them."""
-    width = max(map(len, COMMANDS))
+    known = parts(COMMANDS)
+    width = max(len(part.name) for part in known)
+    others = {part.name: _line(part) for part in known if not part.is_ours}
     lines = []
-    for title, group in GROUPS.items():
-        lines += [f"{title}:", *(f"  {name.ljust(width)}  {line}" for name, (_, line) in group.items()), ""]
+    for title, group in (GROUPS | ({"parts": others} if others else {})).items():
+        lines += [f"{title}:", *(f"  {name.ljust(width)}  {line}" for name, line in group.items()), ""]
     return "\n".join(lines).rstrip()
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from rich.console import Console
 
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
+from analysis.report.outputs import outputs
 from analysis.report.writing import left_of_studies, write_tables
 from analysis.sweeps.arm_metrics import TESTED, Metric
 from analysis.table import Table
@@ -54,7 +55,7 @@ def drawable(one: Run | Sweep) -> tuple[list[Picture], list[str]]:
     if isinstance(one, Sweep):
         return list(sweep_pictures(one.collection())), []
     run = one.recorded
-    pictures, missing = list(pictures_of(one.collection)), list(undrawn(run))
+    pictures, missing = [*pictures_of(one.collection), *outputs().figures(one.collection)], list(undrawn(run))
     try:
         figure = one.figures["samples"]()
     except (ConfigError, DataError) as error:

@@ -14,10 +14,9 @@ from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.errors import ConfigError, DataError
 from tacevo.reproduce.retrain import retrain
-from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
+from tacevo.results.looked_up import with_table
 from tacevo.results.settings import settings_of
-from tacevo.results.space_table import is_table, read_table
-from tacevo.results.table_files import with_table
+from tacevo.results.table_header import is_table
 from tacevo.results.whereabouts import found_data
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
@@ -50,6 +49,9 @@ def run_replay(options: argparse.Namespace) -> int:
 
 def _replay_table(options: argparse.Namespace) -> int:
     """Verify the table of a space."""
+    from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
+    from tacevo.results.space_table import read_table
+
     if options.table is not None:
         raise ConfigError(options.table, place="--table", expected=f"no table: {options.run} is one itself")
     with Progress() as view:
@@ -79,6 +81,7 @@ def _verdict(done: Verified) -> str:
     equal += [f"{counted(done.tables, 'file')} of tables"] if done.tables else []
     older = done.older + sum(run.pages != PAGES for run in done.runs)
     left = [f"{counted(older, 'file')} of an older form"] if older else []
+    left += [f"{counted(done.unmade, 'file')} of a part that is not installed"] if done.unmade else []
     left += [counted(done.figures, "figure")] if done.figures else []
     why = "" if done.entries is None else " (their checksums hold)"
     return f"EQUAL: {', '.join(equal)}" + (f"; not compared: {listed(left)}{why}" if left else "")

@@ -1,4 +1,4 @@
-"""The commands `tacevo search`, of one search or a sweep of them, and `tacevo track`."""
+"""The command `tacevo search`, of one search or a sweep of them."""
 
 import argparse
 import shlex
@@ -21,7 +21,6 @@ from tacevo.parts.kinds import TRACKERS
 from tacevo.parts.tracker import Tracker
 from tacevo.records import Mode, to_json
 from tacevo.results.sweep import Standing
-from tacevo.runs.estimate import MEASURING, describe_cost, describe_estimates, describe_time
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import Result, search
@@ -30,9 +29,7 @@ from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.sweeps.status import describe_jobs
 from tacevo.sweeps.sweeping import plan_unasked, sweep
 from tacevo.sweeps.terms import Asked, read_varied
-from tacevo.text import as_override, counted
-from tacevo.tracking.backfill import track
-from tacevo.tracking.params import viewing
+from tacevo.text import as_override
 
 #: Where the words stand beside the settings, in characters.
 _WORDS = 42
@@ -116,6 +113,8 @@ def run_search(config: RunConfig) -> int:
 
 def _estimate(options: argparse.Namespace) -> int:
     """Estimate a search, its cost before its hours, which take a measurement; or every job of a sweep."""
+    from tacevo.runs.estimate import MEASURING, describe_cost, describe_estimates, describe_time
+
     if options.multirun:
         jobs = [(job.name, one) for job, one in plan_unasked(options.overrides, _asked(options).vary or ()).items()]
         later = partial(describe_estimates, jobs)
@@ -218,28 +217,3 @@ def _after(sweep: Path) -> str:
     if terms.primary is not None and terms.primary.is_tested and terms.retraining is None:
         return f"{as_typed('tacevo')} study {shlex.quote(as_override('sweep', str(sweep)))} seeds=5"
     return f"{as_typed('tacevo')} ablations {shlex.quote(str(sweep))}"
-
-
-def add_track(parser: Parser) -> None:
-    """Describe `tacevo track`."""
-    parser.description = (
-        "Mirror a run directory into MLflow, or those of a sweep, or all below a directory. A second time writes "
-        "nothing twice. The exit status is 1 if a run of several could not be written."
-    )
-    parser.add_argument(
-        "directory", metavar="DIR", help="the directory of a run, of a sweep, or one that contains such"
-    )
-    parser.add_argument(
-        "--uri", default="", help="MLflow tracking URI (default: each run's own, else MLFLOW_TRACKING_URI)"
-    )
-    parser.set_defaults(command=_track, interrupted="what is in MLflow stays, and the same command writes the rest")
-
-
-def _track(options: argparse.Namespace) -> int:
-    with Progress() as view:
-        done, failed = track(Path(options.directory), options.uri, partial(view.advance, "runs"))
-    for reason in failed:
-        tell(f"failed: {reason}", error=True)
-    for uri, number in done.items():
-        tell(f"{counted(number, 'run')} of {options.directory} in MLflow: {viewing(uri, as_typed('mlflow'))}")
-    return DIFFERENT if failed else DONE

@@ -11,9 +11,7 @@ from typing import TypeVar
 from rich.console import Console
 
 from analysis.report.collection import outcomes, read_studies
-from analysis.studies.transfer import sensor_groups, transfers
 from analysis.tables.plan import plan_table
-from analysis.tables.transfer import sensor_table, transfer_tables
 from tacevo.api.planning import planned_from, write_plan
 from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
 from tacevo.cli.tables import print_table, say
@@ -139,6 +137,9 @@ def _within(own: RunConfig, each: Sequence[Sequence[str]]) -> list[list[str]]:
 
 def _study_each(config: StudyConfig, each: Sequence[Sequence[str]]) -> int:
     """Study the same networks on each of several data sets, or devices, and set them side by side."""
+    from analysis.studies.transfer import sensor_groups, transfers
+    from analysis.tables.transfer import sensor_table, transfer_tables
+
     run = read_run(Path(config.run or ""), config.store.root)
     statuses, done = [], dict[str, Studied]()
     for other in each:

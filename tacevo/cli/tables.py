@@ -14,10 +14,10 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from analysis.report.collection import side_by_side
+from analysis.report.outputs import outputs
 from analysis.report.writing import for_paper, left_of_studies, place_of, write_tables
 from analysis.rounding import shown
 from analysis.table import Table
-from analysis.tables.published import beside_published, published_tables
 from analysis.tables.rendering import WRITERS, Notes, Shown, as_latex, as_markdown, numeric_columns
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
@@ -137,7 +137,9 @@ def print_table(table: Table, console: Console) -> None:
 
 def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:
     """Return the paper's own tables, and with runs the table that compares them."""
-    return (*published_tables(), beside_published([one.recorded for one in runs])) if runs else published_tables()
+    from analysis.tables.published import published_tables
+
+    return (*published_tables(), *outputs().beside([one.recorded for one in runs]))
 
 
 def say(remarks: Iterable[str]) -> None:

@@ -1,7 +1,7 @@
 """Parts that a configuration chooses by name, made from its settings."""
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,20 +9,21 @@ from tacevo.config.schema import RunConfig
 from tacevo.parts.kinds import EXECUTORS, PROVIDERS, SOURCES, TRACKERS, Kind
 from tacevo.parts.making import Given, made
 from tacevo.parts.registry import find
-from tacevo.records import Json
+from tacevo.records import Json, to_json
 
 #: Kinds whose settings name one part, which decides no results.
 _KINDS = (PROVIDERS, SOURCES, EXECUTORS, TRACKERS)
 
 
 def check_parts(config: RunConfig) -> None:
-    """Check that the parts that a user chooses are there; a recorded run is read without them.
+    """Check that the parts that a user chooses are there, and others' can be made; a recorded run is read without.
 
     Raises:
-        ConfigError: one is not, as of `tacevo.parts.registry.find`.
+        ConfigError: one is not there, or refuses its settings.
     """
     for kind in _KINDS:
-        find(kind, chosen(config, kind))
+        if not find(kind, chosen(config, kind)).is_ours:
+            part_of(config, kind)
 
 
 def chosen(config: RunConfig, kind: Kind) -> str:
@@ -33,8 +34,48 @@ def chosen(config: RunConfig, kind: Kind) -> str:
 
 def own_settings(config: RunConfig, name: str) -> Mapping[str, Json]:
     """Return the settings of a part's own, which no other part has: of `FILE.py:CLASS`, under the class's name."""
-    parts: Mapping[str, Mapping[str, Json]] = getattr(config, "parts", {})
-    return parts.get(name.rpartition(":")[2], {})
+    return config.parts.get(name.rpartition(":")[2], {})
+
+
+@dataclass(frozen=True, slots=True)
+class OpenPart:
+    """A part that decides nothing and that a user brought: it runs in this process."""
+
+    name: str
+    #: Its own settings at their defaults; `???`, as Hydra writes it, where one must be given.
+    settings: Mapping[str, Json]
+
+
+def names_open(plain: Mapping[str, Any]) -> bool:
+    """Answer whether a composed configuration names a part that decides nothing and is not ours."""
+    return any(
+        plain[group][name] not in kind.ours for kind in _KINDS for group, _, name in [kind.setting.partition(".")]
+    )
+
+
+def open_parts(plain: Mapping[str, Any]) -> list[OpenPart]:
+    """Import the parts that a composed configuration names, as far as they decide nothing and are not ours.
+
+    Raises:
+        ConfigError: there is none of the name, or it cannot be imported.
+    """
+    found = []
+    for kind in _KINDS:
+        group, _, setting = kind.setting.partition(".")
+        name = plain[group][setting]
+        if isinstance(name, str) and name not in kind.ours:
+            part = find(kind, name)
+            loaded = part.load()
+            known = fields(loaded) if is_dataclass(loaded) else ()
+            own = {each.name: _default(each) for each in known if each.name not in {*plain[group], "task"}}
+            found.append(OpenPart(part.name, own))
+    return found
+
+
+def _default(setting: Field[Any]) -> Json:
+    if setting.default_factory is not MISSING:
+        return to_json(setting.default_factory())
+    return "???" if setting.default is MISSING else to_json(setting.default)
 
 
 def part_of(config: RunConfig, kind: Kind, *, prices: Any = None) -> Any:

@@ -21,7 +21,7 @@ from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from tacevo.config.arms import check_change, read_arm, split_arm
-from tacevo.config.chosen import check_parts
+from tacevo.config.chosen import check_parts, names_open, open_parts
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
 from tacevo.config.own_parts import check_setting, checked, defaults, names_own, own_parts, with_names
 from tacevo.config.plain import converted, from_plain, near
@@ -106,18 +106,25 @@ def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str]) -> dict[st
     but are installed, have no effect, so that a sweep can set what one of its arms has.
     """
     given = plain.get("parts") or {}
-    if not (overrides or given or names_own(plain)):
+    if not (overrides or given or names_own(plain) or names_open(plain)):
         return plain
-    found = own_parts(plain)
-    chosen = {part.name for part in found}
+    found, others = own_parts(plain), [part for part in open_parts(plain) if part.settings]
+    chosen = {part.name for part in (*found, *others)}
+    if len(chosen) < len(found) + len(others):
+        got = listed(part.name for part in (*found, *others))
+        raise ConfigError(got, place="parts", expected="parts of different names, each of which has settings")
     for override in overrides:
         name, _, setting = override.partition("=")[0].removeprefix("parts.").partition(".")
-        check_setting(found, name, setting)
+        check_setting((*found, *others), name, setting)
     laid = [each for each in overrides if each.partition("=")[0].split(".")[1] in chosen]
-    ConfigStore.instance().store(name="parts", node={"parts": defaults(found)})
+    ConfigStore.instance().store(
+        name="parts", node={"parts": defaults(found) | {part.name: dict(part.settings) for part in others}}
+    )
     composed = hydra_compose("parts", overrides=laid)
     merged = {**_plain(cast(DictConfig, OmegaConf.merge(composed, {"parts": given})))} if given else _plain(composed)
-    return {**with_names(plain, found), "parts": checked(found, cast(dict[str, Any], merged["parts"]))}
+    settings = cast(dict[str, Any], merged["parts"])
+    outer: dict[str, Json] = {part.name: settings[part.name] for part in others}
+    return {**with_names(plain, found), "parts": {**checked(found, settings), **outer}}
 
 
 def _with_prices_here(config: RunConfig, overrides: Sequence[str]) -> RunConfig:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from tacevo.config.chosen import OpenPart
 from tacevo.config.deciding import DECIDING, code_hash
 from tacevo.config.removed import removed
 from tacevo.errors import ConfigError, PartError
@@ -123,7 +124,7 @@ def checked(found: Iterable[OwnPart], given: Mapping[str, Any]) -> dict[str, dic
     return settings
 
 
-def check_setting(found: Iterable[OwnPart], name: str, setting: str) -> None:
+def check_setting(found: Iterable[OwnPart | OpenPart], name: str, setting: str) -> None:
     """Refuse a setting of a part that is neither chosen nor installed, or that a chosen one does not have.
 
     Raises:

@@ -116,6 +116,14 @@ PROVIDERS: Mapping[str, ProviderFacts] = {
     ),
 }
 
+#: The kinds of tables that each of our outputs makes, of a run and of a study.
+OUTPUT_TABLES: Mapping[str, tuple[str, ...]] = {
+    "motifs": ("motifs",),
+    "images": ("ensembles", "image_outputs"),
+    "transfer": ("transfer", "transfer_joint", "transfer_sensors"),
+    "published": ("published", "beside_published"),
+}
+
 #: The executor of this machine. All others run candidates elsewhere.
 HERE = "local"
 

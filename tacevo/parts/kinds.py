@@ -173,7 +173,12 @@ OUTPUTS = Kind(
     does="adds tables, figures or a section of the page",
     setting="",
     decides=False,
-    ours={},
+    ours={
+        "motifs": "analysis.tables.motifs:Motifs",
+        "images": "analysis.tables.images:ImageTests",
+        "transfer": "analysis.tables.transfer:Transfer",
+        "published": "analysis.tables.published:Published",
+    },
 )
 
 COMMANDS = Kind(
@@ -181,7 +186,28 @@ COMMANDS = Kind(
     does="adds a command",
     setting="",
     decides=False,
-    ours={},
+    ours={
+        "search": "tacevo.cli.search:add_search",
+        "extend": "tacevo.cli.arguments:add_extend",
+        "study": "tacevo.cli.arguments:add_study",
+        "noise": "tacevo.cli.arguments:add_noise",
+        "tabulate": "tacevo.cli.arguments:add_tabulate",
+        "plan": "tacevo.cli.arguments:add_plan",
+        "replay": "tacevo.cli.arguments:add_replay",
+        "export": "tacevo.cli.arguments:add_export",
+        "publish": "tacevo.cli.arguments:add_publish",
+        "cache": "tacevo.cli.cache:add_cache",
+        "show": "tacevo.cli.arguments:add_show",
+        "tables": "tacevo.cli.arguments:add_tables",
+        "figures": "tacevo.cli.arguments:add_figures",
+        "report": "tacevo.cli.arguments:add_report",
+        "ablations": "tacevo.cli.arguments:add_ablations",
+        "init": "tacevo.cli.init:add_init",
+        "data": "tacevo.cli.data:add_data",
+        "check": "tacevo.cli.inspect:add_check",
+        "track": "tacevo.cli.track:add_track",
+        "doctor": "tacevo.cli.inspect:add_doctor",
+    },
 )
 
 #: All kinds, by name, in the order in which a search meets them.

@@ -12,6 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
+from tacevo.environment import install
 from tacevo.errors import ConfigError
 from tacevo.parts.kinds import Kind
 from tacevo.text import nearest
@@ -50,12 +51,7 @@ class Part:
             module = _from_file(self.module, self.file) if self.file else importlib.import_module(self.module)
             return getattr(module, self.attribute)
         except ImportError as error:
-            raise ConfigError(
-                f"no module {error.name or error}",
-                place=self.place,
-                expected="a part whose modules are installed",
-                remedy=_install(self, error.name or ""),
-            ) from error
+            raise missing(error, place=self.place, extra=self.kind.extras.get(self.name, "")) from error
         except AttributeError as error:
             expected = f"a module with the name {self.attribute}"
             raise ConfigError(str(error), place=self.place, expected=expected) from error
@@ -151,9 +147,25 @@ def _from_file(name: str, file: Path) -> Any:
     return module
 
 
-def _install(part: Part, missing: str) -> str:
-    if part.is_ours and part.name in part.kind.extras:
-        return f"`pip install '{part.kind.extras[part.name]}'` installs what it needs"
-    if part.is_ours and missing.startswith(("tacevo", "analysis")):
-        return "this installation was made without it: `pip install tacevo` has it"
-    return f"install {missing or 'it'}"
+#: The extra of tacevo that installs a library which `pip install tacevo` does not.
+_EXTRAS = {
+    "ray": "ray",
+    "openai": "openai",
+    "submitit": "slurm",
+    **dict.fromkeys(("onnx", "onnxruntime", "onnxscript", "safetensors"), "export"),
+}
+
+
+def missing(error: ImportError, *, place: str = "", extra: str = "") -> ConfigError:
+    """Say in one line what is not installed, and how it is; `extra` installs what a part needs."""
+    name = error.name or ""
+    library = name.partition(".")[0]
+    extra = _EXTRAS.get(library, "" if library in {"tacevo", "analysis"} else extra)
+    if extra:
+        remedy = install(extra)
+    elif library in {"tacevo", "analysis"}:
+        remedy = "this installation was made without it: `pip install tacevo` has it"
+    else:
+        remedy = f"install {library}" if library else ""
+    got = f"no module {name}" if name else str(error)
+    return ConfigError(got, place=place, expected="what it needs to be installed", remedy=remedy)

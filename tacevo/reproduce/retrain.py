@@ -8,7 +8,7 @@ a run rest on is trained in any case.
 """
 
 from collections.abc import Iterable, Mapping, Sequence, Set
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from tacevo.choices import Device, Numerics
 from tacevo.environment import deviations, machine, versions
@@ -19,7 +19,6 @@ from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.results.study_lines import StudyRecord
-from tacevo.results.table_records import Header
 from tacevo.rules import TRAININGS, check_known
 from tacevo.runs.datasets import load_same, trivial_of
 from tacevo.runs.progress import Progress
@@ -28,6 +27,9 @@ from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import check_confinement
 from tacevo.storage.run_directory import RunRecord
 from tacevo.training.numerics import check_machine
+
+if TYPE_CHECKING:
+    from tacevo.results.table_records import Header
 
 #: Fields of a ledger line that hold a training's numbers, in the order in which they are compared.
 _FIELDS = ("train_losses", "validation_losses", "predictions", "weights")
@@ -193,7 +195,7 @@ def difference(line: CandidateLine, result: Training | Rejection) -> str | None:
 
 
 def doubts_of(
-    made: RunRecord | StudyRecord | Header,
+    made: "RunRecord | StudyRecord | Header",
     numerics: Numerics,
     device: Device,
     packages: Mapping[str, str],

@@ -19,10 +19,10 @@ from tacevo.errors import BundleError, ConfigError, TacevoError
 from tacevo.records import Json, Record, Training, to_json
 from tacevo.results.grouped import in_groups
 from tacevo.results.table_checks import check_data, check_rows, check_rules, damaged
+from tacevo.results.table_header import HEADER
 from tacevo.results.table_records import (
     CARD,
     DECISIVE,
-    HEADER,
     MANIFEST,
     NETWORKS,
     TRAININGS,
@@ -35,7 +35,7 @@ from tacevo.results.table_records import (
 from tacevo.storage.canonical import canonical, content_hash, readable
 from tacevo.storage.entries import ReadBudget
 from tacevo.storage.files import write_durably
-from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, names_in, packed, read_members
+from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, packed, read_members
 from tacevo.text import as_code, counted, in_markdown
 from tacevo.training.full import FullTraining, Kept
 from tacevo.training.metrics import metric_names
@@ -46,11 +46,6 @@ T = TypeVar("T", bound=Record)
 _MEMBERS = {HEADER, NETWORKS, TRAININGS, CARD, MANIFEST}
 
 _PLACES = re.compile("|".join(map(re.escape, sorted(_MEMBERS))))
-
-
-def is_table(path: Path) -> bool:
-    """Answer whether a file is a zip file with the header of a table; it is not verified."""
-    return HEADER in (names_in(path) or ())
 
 
 def check_size(header: Header, networks: int) -> None:

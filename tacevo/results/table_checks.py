@@ -12,7 +12,8 @@ from tacevo.choices import Device
 from tacevo.config.task_texts import contract_of
 from tacevo.errors import BundleError, ConfigError
 from tacevo.records import Json, to_json
-from tacevo.results.table_records import HEADER, NETWORKS, TRAININGS, Header, SpaceTable
+from tacevo.results.table_header import HEADER
+from tacevo.results.table_records import NETWORKS, TRAININGS, Header, SpaceTable
 from tacevo.rules import CURRENT, FIRST_STUDY, KEPT_SINCE, STUDY, Rules
 from tacevo.training.full import FullTraining
 from tacevo.training.metrics import contradiction, metric_names

@@ -1,30 +1,15 @@
 """Where the table of a space lies in which a run looked its evaluations up: it is known by its digest, not its path."""
 
 from collections.abc import Collection, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 from tacevo.config.conf_folder import conf_root
-from tacevo.config.schema import RunConfig
 from tacevo.errors import DataError, TacevoError
-from tacevo.results.space_table import is_table, read_table
+from tacevo.results.space_table import read_table
+from tacevo.results.table_header import is_table
 
 #: Where tables lie below a working directory, or a checkout.
 TABLES = Path("cache", "tables")
-
-
-def with_table(
-    config: RunConfig, digest: str, beside: Path, named: Path | None = None, *, option: str = ""
-) -> RunConfig:
-    """Return the configuration of a run with the place at which its table lies here; one without a table as it is.
-
-    Raises:
-        DataError, BundleError: as `find_table`.
-    """
-    if not config.data.facts.is_looked_up:
-        return config
-    table = find_table(Path(config.data.root or ""), digest, beside, named, option=option)
-    return replace(config, data=replace(config.data, root=str(table)))
 
 
 def find_table(recorded: Path, digest: str, beside: Path, named: Path | None = None, *, option: str = "") -> Path:

@@ -17,8 +17,7 @@ from tacevo.text import counted
 from tacevo.training.full import FullTraining
 from tacevo.typed import FreeJson
 
-HEADER, NETWORKS, TRAININGS, CARD, MANIFEST = (
-    "table.json",
+NETWORKS, TRAININGS, CARD, MANIFEST = (
     "networks.jsonl",
     "trainings.jsonl",
     "README.md",

@@ -12,7 +12,6 @@ from tacevo.environment import usable_cores
 from tacevo.parts.executor import Notice, Order
 from tacevo.sandbox.client import RunJob, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
-from tacevo.training.leases import Leases, visible_gpus
 from tacevo.training.numerics import check_machine
 
 
@@ -58,11 +57,15 @@ class Local:
             if order.device is Device.cpu:
                 yield sandbox.run
                 return
+            from tacevo.training.leases import Leases, visible_gpus
+
             yield Leases(sandbox.run, visible_gpus(), order.per_gpu).run
 
 
 def trainings_at_once(config: RunConfig) -> int:
     """Return how many trainings run here together: one for each worker, core and share of a GPU; at least one."""
-    is_on_cpu = config.training.device is Device.cpu
-    places = usable_cores() if is_on_cpu else config.executor.per_gpu * len(visible_gpus())
-    return max(1, min(config.executor.workers, places))
+    if config.training.device is Device.cpu:
+        return max(1, min(config.executor.workers, usable_cores()))
+    from tacevo.training.leases import visible_gpus
+
+    return max(1, min(config.executor.workers, config.executor.per_gpu * len(visible_gpus())))

@@ -28,6 +28,7 @@ from tacevo.parts.registry import of_settings
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
 from tacevo.results.grouped import FEWEST, check_groups, images_tested
+from tacevo.results.looked_up import with_table
 from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
 from tacevo.results.publishable import other_device, other_settings
 from tacevo.results.run import RecordedRun, read_run
@@ -43,7 +44,6 @@ from tacevo.results.study_lines import (
     StudyTerms,
     fewest_seeds,
 )
-from tacevo.results.table_files import with_table
 from tacevo.rules import CURRENT, EAGER, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress

@@ -106,8 +106,8 @@ def test_tables_count_each_group_once(made: Path, monkeypatch: pytest.MonkeyPatc
     """On each output the variant is better or worse on six groups, of which the 18 images are."""
     monkeypatch.chdir(made)
     (compared,) = collect(Path("run")).studies
-    assert compared.images is not None
-    assert ((compared.images[1].better + compared.images[1].worse) == 6).all()
+    assert compared.found["images"] is not None
+    assert ((compared.found["images"][1].better + compared.found["images"][1].worse) == 6).all()
     assert compared.study.data.counts[2] == 18
 
 

@@ -25,7 +25,8 @@ from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
 from tacevo.results.run import RecordedRun, read_run
-from tacevo.results.space_table import card, check_networks, check_size, is_table, read_table, write_table
+from tacevo.results.space_table import card, check_networks, check_size, read_table, write_table
+from tacevo.results.table_header import is_table
 from tacevo.results.table_records import CARD, MANIFEST, SpaceTable, TableTraining
 from tacevo.rules import CURRENT, LIKE_TODAY, STUDY
 from tacevo.runs.estimate import describe_estimates, describe_time

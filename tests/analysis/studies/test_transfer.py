@@ -13,7 +13,8 @@ from analysis.report.collection import Collection, Compared, tables_of, with_lar
 from analysis.runs.niches import Niches
 from analysis.statistics.tests import blocked_mann_whitney, holm
 from analysis.studies.comparison import compare
-from analysis.studies.transfer import concordance, is_alone, joint, sensor_groups, transfers
+from analysis.studies.other_data import is_alone
+from analysis.studies.transfer import concordance, joint, sensor_groups, transfers
 from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
 from analysis.table import Percent

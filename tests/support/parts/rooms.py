@@ -1,0 +1,93 @@
+"""The rooms that can be left out, and a process in which they are hidden from import."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+#: By name: modules, and libraries that nothing else needs.
+ROOMS: Mapping[str, str] = {
+    "ray": "tacevo.cluster ray",
+    "mlflow": "tacevo.tracking tacevo.cli.track mlflow",
+    "export": "tacevo.export tacevo.cli.export onnx onnxruntime onnxscript safetensors",
+    "hosted": (
+        "tacevo.llm.claude tacevo.llm.anthropic tacevo.llm.openai tacevo.llm.batches tacevo.llm.hosted "
+        "tacevo.llm.streams tacevo.llm.wire tacevo.llm.bodies tacevo.llm.retry anthropic openai httpx2"
+    ),
+    "batches": "tacevo.llm.batches",
+    "grammar": "tacevo.llm.grammar",
+    "simulator": "tacevo.data.simulator",
+    "tacverse": "tacevo.data.sources.tacverse tacevo.data.sources.release",
+    "table": (
+        "tacevo.results.space_table tacevo.results.table_checks tacevo.results.table_records "
+        "tacevo.results.table_files tacevo.studies.tabulate tacevo.cli.tabulate tacevo.runs.looked_up "
+        "tacevo.reproduce.space_table tacevo.api.space_tables"
+    ),
+    "slurm": "tacevo.sweeps.slurm submitit",
+    "page": "analysis.report.page analysis.report.following tacevo.api.page",
+    "document": "analysis.report.document tacevo.cli.document",
+    "motifs": "analysis.motifs analysis.tables.motifs",
+    "figures": "analysis.figures analysis.report.figure_list tacevo.cli.figures matplotlib",
+    "estimate": "tacevo.runs.estimate tacevo.runs.pace",
+    "data check": "tacevo.runs.data_check tacevo.runs.data_report tacevo.data.pictures tacevo.data.survey",
+    "init": "tacevo.cli.init tacevo.config.new_task tacevo.config.supplement",
+    "crate": "tacevo.bundles.crate rocrate",
+    "image tests": "analysis.tables.images analysis.studies.image_findings analysis.studies.predictions",
+    "transfer": "analysis.tables.transfer analysis.studies.transfer",
+    "published": "analysis.tables.published",
+    "gpus": "tacevo.training.leases",
+}
+
+#: Python imports it first in every process.
+_HIDES = """
+import sys
+
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if any(name == each or name.startswith(each + ".") for each in NAMES):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Hidden())
+"""
+
+#: One command after the other, in one process; prints the exit status of each.
+_RUN = """
+import contextlib, io, json, shlex, sys
+from tacevo.cli.app import main
+for line in sys.stdin.read().splitlines():
+    printed = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(printed[0]), contextlib.redirect_stderr(printed[1]):
+        try:
+            status = main(shlex.split(line))
+        except SystemExit as ended:
+            status = ended.code
+    print(json.dumps([status, *(each.getvalue() for each in printed)]))
+"""
+
+#: The exit status of a command, what it printed, and what it said on standard error.
+Ended = tuple[int, str, str]
+
+
+def run_without(
+    hidden: str, commands: Sequence[str], folder: Path, cwd: Path, installed: Sequence[Path] = ()
+) -> list[Ended]:
+    """Run commands where some modules cannot be imported; the folder is for the file that hides them.
+
+    `installed` are directories of further packages.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "sitecustomize.py").write_text(f"NAMES = {hidden.split()!r}\n{_HIDES}", encoding="utf-8")
+    keys = {"ANTHROPIC_API_KEY": "none-that-is-asked", "OPENAI_API_KEY": "none-that-is-asked"}
+    done = subprocess.run(
+        [sys.executable, "-c", _RUN],
+        input="\n".join(commands),
+        cwd=cwd,
+        env={**os.environ, **keys, "PYTHONPATH": os.pathsep.join([str(folder), *map(str, installed), *sys.path])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return [tuple(json.loads(line)) for line in done.stdout.splitlines()]
