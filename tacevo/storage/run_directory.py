@@ -15,6 +15,7 @@ NOTE.md         what readers must know, if somebody wrote it (tacevo.storage.not
 import contextlib
 import hashlib
 import os
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
