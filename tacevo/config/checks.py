@@ -76,8 +76,12 @@ def check_device(config: RunConfig) -> None:
     executor = config.executor
     if executor.kind is ExecutorKind.local:
         _check_that(executor.address is None, "executor.address", "null without executor=ray", executor.address)
+    elif config.training.device is Device.cuda:
+        counted = "a number with executor=ray, whose nodes lend GPUs by count"
+        _check_that(executor.per_gpu is not None, "executor.per_gpu", counted, executor.per_gpu)
     if config.training.device is Device.cpu:
-        _check_that(executor.per_gpu == 1, "executor.per_gpu", "1 with training.device=cpu", executor.per_gpu)
+        is_usual = executor.per_gpu in {1, None}  # a study does not know its run's device, and has null
+        _check_that(is_usual, "executor.per_gpu", "1 with training.device=cpu", executor.per_gpu)
     _check_gpu(config)
 
 

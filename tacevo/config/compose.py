@@ -20,6 +20,7 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf, open_dict
 
+from tacevo.choices import Device
 from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
 from tacevo.config.plain import converted, from_plain, near
@@ -34,6 +35,17 @@ T = TypeVar("T")
 
 #: The override of a seed that is a number.
 _SEED = re.compile(r"seed=(0|[1-9]\d*)")
+
+
+def _for_device(cpu: Any, cuda: Any, *, _root_: DictConfig) -> Any:
+    """Return one of two defaults: the first where trainings run on a CPU; a study, which its run tells, has the second.
+
+    Files of conf/ write `${for_device:FIRST,SECOND}`; what is composed, and recorded, is the value alone.
+    """
+    return cpu if OmegaConf.select(_root_, "training.device") == Device.cpu.value else cuda
+
+
+OmegaConf.register_new_resolver("for_device", _for_device, replace=True)
 
 
 def compose(overrides: Sequence[str]) -> RunConfig:

@@ -85,10 +85,14 @@ def trainings(config: RunConfig) -> int:
 
 
 def trainings_at_once(config: RunConfig) -> int:
-    """Return how many trainings run here together: one for each worker, core and share of a GPU; at least one."""
+    """Return how many trainings run here together: one for each worker, core and share of a GPU; at least one.
+
+    Where a GPU is lent by memory, nobody knows before; then it is one for each worker, and some of them may wait.
+    """
+    workers, per_gpu = config.executor.workers, config.executor.per_gpu
     is_on_cpu = config.training.device is Device.cpu
-    places = usable_cores() if is_on_cpu else config.executor.per_gpu * len(visible_gpus())
-    return max(1, min(config.executor.workers, places))
+    places = usable_cores() if is_on_cpu else (workers if per_gpu is None else per_gpu) * len(visible_gpus())
+    return max(1, min(workers, places))
 
 
 def training_images(config: RunConfig) -> int:

@@ -2,12 +2,12 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
-from typing import NoReturn, Self
+from typing import Any, NoReturn, Self
 
 from tacevo.choices import ArchiveKind, BoundsRule, DataSource, Device, ExecutorKind, Numerics
 from tacevo.cluster.cluster import Cluster, Notice
@@ -17,13 +17,14 @@ from tacevo.cluster.node_images import describe
 from tacevo.config.checks import check_device
 from tacevo.config.schema import ArchiveConfig, NumericsConfig, RunConfig, TrainingConfig
 from tacevo.data.dataset import Dataset
-from tacevo.errors import SandboxError, StoreError
+from tacevo.errors import CacheMissError, SandboxError, StoreError
 from tacevo.evolution.archive import AxisBounds, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.development import LLM, Effects
 from tacevo.evolution.proposals import Settings
 from tacevo.evolution.state import Budget, Plan
 from tacevo.gate.admission import DataImages, Gate, GateLimits
+from tacevo.profile import Admitted
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, EAGER, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
@@ -38,6 +39,7 @@ from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Setting
 from tacevo.training.full import FullEvaluator
 from tacevo.training.leases import Leases, visible_gpus
+from tacevo.training.memory import predicted_mib
 from tacevo.training.numerics import check_machine
 from tacevo.training.weights import Weighed, train_and_weigh
 from tacevo.typed import convert
@@ -343,10 +345,20 @@ class Workbench:
                 case ExecutorKind.local:
                     self.run = self._stack.enter_context(self._here()).run
                     if self.config.training.device is Device.cuda:
-                        self.run = Leases(self.run, visible_gpus(), self.config.executor.per_gpu).run
+                        self.run = Leases(self.run, visible_gpus(), self.config.executor.per_gpu, self._predicted).run
                 case ExecutorKind.ray:
                     self.run = self._stack.enter_context(self._elsewhere()).run
         return self.run
+
+    def _predicted(self, header: Mapping[str, Any]) -> int | None:
+        """Predict the memory that a training takes of a GPU, in MiB, where the probe of its network is recorded."""
+        gate = replace(self.gate(CURRENT), run=_refuse_to_run, store=self._store("probes", Mode.replay))
+        with contextlib.suppress(CacheMissError):
+            probed = gate.measure(header["source"])
+            if isinstance(probed, Admitted):
+                images, recipe = header["train"] + header["validation"], Recipe.from_json(header["recipe"])
+                return predicted_mib(probed.profile, self.task.contract, recipe, images)
+        return None
 
     def _here(self) -> Sandbox:
         notice, order = self.notice, _order(self.config)
@@ -392,7 +404,7 @@ def _order(config: RunConfig) -> Order:
     """Return what a sandbox must do, here or on a node."""
     device = config.training.device
     return Order(
-        entries=ENTRIES,
+        entries=ENTRIES if device is Device.cpu else {**ENTRIES, **evaluation.ENTRIES_OF_GPUS},
         equip=None if device is Device.cpu else evaluation.EQUIP,
         numerics=config.numerics.kind,
         device=device,

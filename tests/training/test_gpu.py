@@ -21,7 +21,8 @@ from training_jobs import RECIPE, SOURCE, examples, header_of, payload_of, train
 from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import ConfigError, SandboxError
 from tacevo.records import Gpu, Reason, Recipe, to_json, written
-from tacevo.training.gpu import CONTEXT_MIB, Resident, equip, multiply_in
+from tacevo.training.gpu import Resident, equip, multiply_in
+from tacevo.training.memory import CONTEXT_MIB
 from tacevo.training.numerics import check_machine, environment
 from tacevo.typed import convert
 
