@@ -14,6 +14,7 @@ from tacevo.errors import SandboxError, TacevoError
 from tacevo.redaction import secret_variables
 from tacevo.rules import CURRENT, STUDY
 from tacevo.sandbox.confinement import available, check_confinement
+from tacevo.sandbox.devices import DEVICES
 from tacevo.training.numerics import check_machine, environment
 
 #: Packages whose code makes a profile or a training.
@@ -49,8 +50,14 @@ class Order:
 
     @property
     def strongest(self) -> Confinement:
-        """The strongest confinement that this device leaves."""
-        return Confinement.kernel if self.device is Device.cpu else Confinement.none
+        """The strongest confinement of a candidate on this device: on a GPU all of it or none, as is demanded."""
+        is_walled = self.device is Device.cpu or self.require is Confinement.kernel
+        return Confinement.kernel if is_walled else Confinement.none
+
+    @property
+    def doors(self) -> tuple[str, ...]:
+        """Patterns of the device files that the walls leave open."""
+        return () if self.device is Device.cpu or self.require is not Confinement.kernel else DEVICES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -90,7 +90,7 @@ class Leases:
         for mib in sorted({min(most, self._predict(header) or most), most}):
             with self._lease(mib + CONTEXT_MIB) as gpu:
                 outcome = self._run(entry, leased(header, gpu, mib=mib), payload, limits, score)
-            if mib == most or isinstance(outcome, Died) and outcome.reason is Reason.out_of_time:
+            if mib == most or (isinstance(outcome, Died) and outcome.reason is Reason.out_of_time):
                 break
             if (sufficed := _sufficed(outcome)) is not None:
                 return sufficed

@@ -21,9 +21,10 @@ from training_jobs import RECIPE, SOURCE, examples, header_of, payload_of, train
 from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import ConfigError, SandboxError
 from tacevo.records import Gpu, Reason, Recipe, to_json, written
-from tacevo.training.gpu import Resident, equip, multiply_in
+from tacevo.training.gpu import Resident, equip, look, multiply_in
 from tacevo.training.memory import CONTEXT_MIB
 from tacevo.training.numerics import check_machine, environment
+from tacevo.training.trainer import run
 from tacevo.typed import convert
 
 MIB = 2**20
@@ -51,6 +52,10 @@ class Cuda:
     def get_device_properties(self, device: int) -> SimpleNamespace:
         """Describe the GPU."""
         return SimpleNamespace(total_memory=self._total)
+
+    def memory_stats(self, device: int) -> dict[str, int]:
+        """Count what the allocator refused."""
+        return {"num_ooms": 3}
 
     def set_per_process_memory_fraction(self, fraction: float, device: int) -> None:
         """Note a limit."""
@@ -103,6 +108,55 @@ def test_training_gets_the_gpu_that_it_was_lent_and_so_much_of_its_memory() -> N
     cuda = Cuda()
     equipped(header_on(GPU), cuda)
     assert (cuda.visible, cuda.fractions) == ("5", [0.25])
+
+
+def test_training_that_was_lent_less_has_less_and_says_what_it_was_refused() -> None:
+    """Its last frame has the count of torch's allocator; with all of the recipe's memory there is no such frame."""
+    header, cuda = header_on(GPU), Cuda()
+    less = {**header, "lease": {"visible": "5", "mib": 2048}}
+    arrays = equipped(less, cuda)
+    assert cuda.fractions == [0.125]
+    frames: list[Any] = []
+    run(less, payload_of(DATA), arrays, lambda head, _: frames.append(head))
+    assert frames[-1] == {"refused": 3}
+    assert frames[:-1] == [head for head, _ in trained(header, DATA, equipped(header)["images"])]
+    assert "refused" not in equipped({**header, "lease": {"visible": "5", "mib": GPU.memory_mib}})
+
+
+def looked(capture: Any = None) -> Any:
+    """Look at a GPU as before a first training, on the CPU; return what is sent."""
+    header = {"recipe": written(replace(RECIPE, gpu=GPU)), "device": "cuda", "lease": {"visible": "5", "mib": 512}}
+    arrays = equip(header, b"", {}, cuda=Cuda(free_mib=9000), device="cpu")
+    frames: list[Any] = []
+    look(
+        header,
+        b"",
+        {**arrays, **({} if capture is None else {"capture": capture})},
+        lambda *f: frames.append(f),
+        device="cpu",
+    )
+    return frames
+
+
+def test_look_at_a_gpu_computes_and_tells_what_is_free() -> None:
+    """A step is taken, and one is recorded where trainings will be."""
+    taken = []
+
+    def capture(step: Any) -> Any:
+        step()
+        return lambda: taken.append("replayed")
+
+    assert looked() == looked(capture) == [({"free_mib": 9000}, b"")]
+    assert taken == ["replayed"]
+
+
+def test_look_at_a_gpu_that_fails_says_why() -> None:
+    """What the driver refuses behind walls is told in a line, and is no exception of a candidate."""
+
+    def capture(step: Any) -> Any:
+        raise RuntimeError("CUDA error: operation not permitted")
+
+    assert looked(capture) == [({"failed": "RuntimeError: CUDA error: operation not permitted"}, b"")]
 
 
 def test_job_of_a_cpu_is_left_as_it_is() -> None:
