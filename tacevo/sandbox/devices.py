@@ -44,6 +44,10 @@ def present(patterns: Iterable[str]) -> list[str]:
 
 
 def readable() -> list[str]:
-    """List the directories that the driver's library may read, with those of this Python and its packages."""
-    own = (sys.prefix, sys.base_prefix, *(path for path in sys.path if path))
-    return [place for place in dict.fromkeys((*_READABLE, *map(os.path.abspath, own))) if os.path.isdir(place)]
+    """List the directories that the driver's library may read, with those of this Python and of torch.
+
+    Not the rest of Python's path: a clone of this project may lie there, with its stores and data.
+    """
+    packages = [path for path in sys.path if os.path.isdir(os.path.join(path, "torch"))]
+    own = map(os.path.abspath, (sys.prefix, sys.base_prefix, *packages))
+    return [place for place in dict.fromkeys((*_READABLE, *own)) if os.path.isdir(place)]

@@ -18,10 +18,13 @@ from tacevo.sandbox.candidate import Adam
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.protocol import Header, describe
 from tacevo.training.captured import Capture, capture
+from tacevo.training.cuda_libraries import map_libraries
 from tacevo.training.memory import CONTEXT_MIB
 
 #: Rows that are copied to the device at once.
 _BLOCK = 256
+
+map_libraries()  # once, in the process that imports this for all its forks
 
 
 class Resident:
