@@ -9,6 +9,7 @@ the rate of a large copy. And baselines an hour through the whole sandbox, with 
 Without CUDA it says so and measures nothing. benchmarks/README.md has what it said of an H200.
 """
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,7 +23,7 @@ from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from tacevo.bundles.open import opened
-from tacevo.choices import Layout, Precision
+from tacevo.choices import Device, Layout, Numerics, Precision
 from tacevo.config.compose import compose
 from tacevo.records import Contract, Gpu, written
 from tacevo.results.run import read_run
@@ -33,6 +34,7 @@ from tacevo.sandbox.candidate import build
 from tacevo.text import table
 from tacevo.training.captured import Capture, capture
 from tacevo.training.gpu import Resident, multiply_in
+from tacevo.training.numerics import environment
 from tacevo.training.trainer import run
 
 PUBLISHED = Path("tests/golden/bundles/force-grammar.zip")
@@ -79,9 +81,9 @@ class Work:
         return min((limits.arithmetic / self.flops, "arithmetic"), (limits.traffic / self.traffic, "memory"))
 
 
-def networks(count: int = 4) -> Iterator[tuple[str, str]]:
-    """Yield name and source of the baseline, and of candidates from the fewest FLOPs to the most."""
-    bundle = opened(PUBLISHED)
+def networks(count: int = 4, published: Path = PUBLISHED) -> Iterator[tuple[str, str]]:
+    """Yield name and source of a run's baseline, and of so many candidates from the fewest FLOPs to the most."""
+    bundle = opened(published)
     (path,) = bundle.runs
     trained = sorted(read_run(path).trained, key=lambda line: line.flops or 0)
     chosen = [trained[round(place * (len(trained) - 1) / (count - 1))] for place in range(count)]
@@ -230,6 +232,7 @@ def main() -> int:
     if not torch.cuda.is_available():
         print("no CUDA device that torch can use; nothing was measured", file=sys.stderr)
         return 2
+    os.environ.update(environment(Numerics.fast, Device.cuda))  # cuBLAS reads its own when it starts
     model = torch.cuda.get_device_name(0)
     print(f"{model}, torch {torch.__version__}, {SIZE} px, batches of {BATCH}\n", flush=True)
     print(whole_sandbox([*SETTING, f"training.gpu={model}"]), flush=True)

@@ -56,7 +56,7 @@ class Order:
 
     @property
     def doors(self) -> tuple[str, ...]:
-        """Patterns of the device files that the walls leave open."""
+        """Patterns of the device files that the walls leave open to what computes on a GPU."""
         return () if self.device is Device.cpu or self.require is not Confinement.kernel else DEVICES
 
 

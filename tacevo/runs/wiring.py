@@ -367,7 +367,7 @@ class Workbench:
             environment=order.environment,
             arrays={} if self.data is None else {"images": self.data.images},
             strongest=order.strongest,
-            doors=order.doors,
+            doors=dict.fromkeys((*evaluation.ENTRIES, *evaluation.ENTRIES_OF_GPUS), order.doors),
             notice=None if notice is None else lambda measures: notice(in_force(measures)),
             zygote=self.zygote,
             equip=order.equip,

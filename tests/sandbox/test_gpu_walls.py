@@ -53,7 +53,7 @@ def tried(folder: Path, doors: list[str], **settings: Any) -> tuple[dict[str, st
             environment={"OMP_NUM_THREADS": "1"},
             arrays={},
             equip="driver:equip",
-            doors=doors,
+            doors={"use": doors},
             notice=told.append,
             **settings,
         ) as sandbox,
@@ -85,6 +85,25 @@ def test_file_that_is_not_named_is_no_door(tmp_path: Path) -> None:
     outcomes, _ = tried(tmp_path, [str(tmp_path / "dev" / "nvidiactl")])
     assert outcomes["open the device"] == "worked"
     assert outcomes["open another"] in REFUSED
+
+
+def test_job_that_needs_no_device_has_the_walls_of_a_cpu(tmp_path: Path) -> None:
+    """A probe beside trainings on a GPU opens nothing, and starts no thread."""
+    told: list[tuple[str, ...]] = []
+    (tmp_path / "nvidiactl").touch()
+    doors = {"use": [str(tmp_path / "nvidia*")]}
+    with Sandbox(
+        entries={"look": "wall_attacks:attempt_processes", "use": "driver:use"},
+        environment={"OMP_NUM_THREADS": "1"},
+        arrays={},
+        doors=doors,
+        notice=told.append,
+    ) as sandbox:
+        answer = sandbox.run("look", {"search": os.getpid()}, b"", LIMITS)
+    assert isinstance(answer, Finished), answer
+    assert isinstance(answer.frames[0].header, dict)
+    assert answer.frames[0].header["thread"] == "EAGAIN"
+    assert in_force(told[0]) == {**report(), "level": Confinement.kernel}
 
 
 def test_without_walls_a_candidate_reaches_what_they_keep_from_it(tmp_path: Path) -> None:
