@@ -95,7 +95,7 @@ def compared(plain: Fitnesses, others: Mapping[str, Fitnesses]) -> str:
         pairs = [(one, other) for one, other in zip(plain, fitnesses, strict=True) if one and other is not None]
         ratios = sorted(other / one for one, other in pairs)
         rank = spearmanr([one for one, _ in pairs], [other for _, other in pairs]).statistic
-        shown = [f"{rank:.3f}", *(f"{value:.3f}" for value in (statistics.median(ratios), ratios[0], ratios[-1]))]
+        shown = [f"{rank:.3f}", *(f"{value:.4f}" for value in (statistics.median(ratios), ratios[0], ratios[-1]))]
         rows.append([name, f"{len(pairs)} of {len(plain)}", *shown])
     head = ["trained in", "networks", "rank correlation", "loss by float32's: median", "least", "most"]
     return table(head, rows)
