@@ -19,6 +19,8 @@ LOOK = "look"
 #: The most that this job may take, in MiB.
 _LOOK_MIB = 512
 
+_IF_IT_FAILS = "see docs/scale.md#gpus; with sandbox.require=kernel, try sandbox.require=none, for code that you trust"
+
 #: Predicts the memory that a training takes, in MiB, from the header of its job; None where nothing is known of it.
 Predict = Callable[[Mapping[str, Any]], int | None]
 
@@ -109,15 +111,20 @@ class Leases:
                 expected, remedy = "a GPU for a training", "name some in CUDA_VISIBLE_DEVICES"
                 raise SandboxError("a machine without one", expected=expected, remedy=remedy)
             asked = {"recipe": header["recipe"], "device": header["device"]}
-            free = {
-                gpu: _free_mib(self._run(LOOK, leased(asked, gpu, mib=_LOOK_MIB), b"", limits), gpu)
-                for gpu in self._gpus
-            }
+            free = {gpu: self._look_at(gpu, leased(asked, gpu, mib=_LOOK_MIB), limits) for gpu in self._gpus}
             if self._per_gpu is None and min(free.values()) < (needed := _most(header) + CONTEXT_MIB):
                 expected = f"{needed} MiB free on each GPU for a candidate"
                 remedy = "lower training.gpu_memory_mib, or end what else uses the GPU"
                 raise SandboxError(f"{min(free.values())} MiB", expected=expected, remedy=remedy)
             self._room = free if self._per_gpu is None else dict.fromkeys(self._gpus, self._per_gpu)
+
+    def _look_at(self, gpu: str, header: Json, limits: Limits) -> int:
+        """Return what is free of a GPU, in MiB."""
+        try:
+            return _free_mib(self._run(LOOK, header, b"", limits), gpu)
+        except SandboxError as error:  # such as that of a driver that did not start
+            error.remedy = error.remedy or _IF_IT_FAILS
+            raise
 
     @contextmanager
     def _lease(self, size: int) -> Iterator[str]:
@@ -174,5 +181,4 @@ def _free_mib(outcome: Finished | Died, gpu: str) -> int:
             pass
         case _:
             detail = "another answer"
-    remedy = "see docs/scale.md#gpus; with sandbox.require=kernel, try sandbox.require=none, for code that you trust"
-    raise SandboxError(detail, place=f"GPU {gpu}", expected="a small computation that succeeds there", remedy=remedy)
+    raise SandboxError(detail, place=f"GPU {gpu}", expected="a small computation that succeeds there")

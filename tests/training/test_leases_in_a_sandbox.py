@@ -90,7 +90,7 @@ def plain(images: Path) -> Training:
     ids=["enough", "too small", "unknown", "by number"],
 )
 def test_result_is_that_of_all_the_memory(
-    images: Path, plain: Training, strongest: Confinement, per_gpu: int | None, guess: int | None, lent: list[Any]
+    images: Path, plain: Training, *, strongest: Confinement, per_gpu: int | None, guess: int | None, lent: list[Any]
 ) -> None:
     """Whatever is predicted, the record is the same; behind walls with doors it is, too, and they are told."""
     if strongest is Confinement.kernel and available() is not Confinement.kernel:
