@@ -5,6 +5,7 @@ fails. It stops the search as a broken sandbox, and nothing is stored. What fail
 """
 
 import os
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,16 +14,38 @@ from numpy.typing import NDArray
 
 from tacevo.choices import Precision
 from tacevo.errors import SandboxError
-from tacevo.records import Recipe
-from tacevo.sandbox.candidate import Adam
+from tacevo.records import Contract, Kind, Loss, Recipe, to_json, written
 from tacevo.sandbox.child import Arrays, Send
-from tacevo.sandbox.protocol import Header, describe
-from tacevo.training.captured import Capture, capture
+from tacevo.sandbox.protocol import Header
+from tacevo.training.captured import capture
 from tacevo.training.cuda_libraries import map_libraries
 from tacevo.training.memory import CONTEXT_MIB
+from tacevo.training.trainer import run
 
 #: Rows that are copied to the device at once.
 _BLOCK = 256
+
+#: What is trained when a GPU is looked at, on so few images: the parts that most candidates have.
+_SMALL = """
+class Small(nn.Module):
+    def __init__(self):
+        super().__init__()
+        seen = [nn.Conv2d(3, 8, 3), nn.BatchNorm2d(8), nn.ReLU(), nn.MaxPool2d(2), nn.AdaptiveAvgPool2d(4)]
+        self.body = nn.Sequential(*seen, nn.Flatten(), nn.Dropout(0.1), nn.Linear(128, 3))
+
+    def forward(self, x):
+        return self.body(x)
+"""
+_CONTRACT = Contract(
+    class_name="Small",
+    kind=Kind.regression,
+    loss=Loss.mse,
+    in_channels=3,
+    image_size=32,
+    outputs=3,
+    output_argument="outputs",
+)
+_FEW, _BATCH = 12, 4
 
 map_libraries()  # once, in the process that imports this for all its forks
 
@@ -63,7 +86,8 @@ def equip(header: Header, payload: bytes, arrays: Arrays, *, cuda: Any = torch.c
 
     Returns:
         `images`, a `Resident`; `capture`, where steps are to be recorded; `refused`, where it has less memory than its
-        recipe allows: what says how often it was refused some; and for `look` what was free, `free_mib`.
+        recipe allows: what says how often it was refused some; and for `look` black images, and what was free as
+        `free_mib`.
 
     Raises:
         SandboxError: it is not the GPU of the recipe, or its memory does not suffice for all who share it.
@@ -81,48 +105,44 @@ def equip(header: Header, payload: bytes, arrays: Arrays, *, cuda: Any = torch.c
     multiply_in(recipe.gpu.precision)
     more: dict[str, Any] = {"capture": capture} if recipe.gpu.captured else {}
     if "train" not in header:
-        return {**arrays, **more, "free_mib": free}
+        black = np.zeros((_FEW, _CONTRACT.in_channels, _CONTRACT.image_size, _CONTRACT.image_size), np.uint8)
+        images = Resident(black, np.arange(_FEW), torch.device(device))
+        return {**arrays, **more, "images": images, "free_mib": free}
     if mib < recipe.gpu.memory_mib:
         more["refused"] = lambda: cuda.memory_stats(0)["num_ooms"]
     rows = np.frombuffer(payload, np.int64, header["train"] + header["validation"])
     return {**arrays, **more, "images": Resident(arrays["images"], rows, torch.device(device))}
 
 
-def look(header: Header, payload: bytes, arrays: Arrays, send: Send, *, device: str = "cuda") -> None:
-    """Compute a little on a GPU as a training does, confined as one; send what was free before, `{"free_mib"}`.
+def look(header: Header, payload: bytes, arrays: Arrays, send: Send, *, device: str = "cuda") -> object:
+    """Train a small network on a GPU, confined as candidates are; send what was free before, `{"free_mib"}`.
 
-    Or send `{"failed"}`, why it does not compute. No code of a candidate runs here.
+    Or send `{"failed"}`, why it does not train, or that no step can be recorded here although the recipe asks for it: a
+    machine must not decide how candidates train. None of their code runs in this process.
     """
-    try:
-        _compute(torch.device(device), arrays.get("capture"))
-    except Exception as error:
-        send({"failed": describe(error)}, b"")
+    rows, targets = np.arange(_FEW), np.zeros((_FEW - _BATCH, _CONTRACT.outputs), np.float32)
+    job = {
+        "source": _SMALL,
+        "contract": to_json(_CONTRACT),
+        "recipe": written(replace(Recipe.from_json(header["recipe"]), epochs=1, batch_size=_BATCH)),
+        "seed": 0,
+        "mean": [127.5] * _CONTRACT.in_channels,
+        "deviation": [74.0] * _CONTRACT.in_channels,
+        "train": len(targets),
+        "validation": _BATCH,
+        "device": device,
+    }
+    frames: list[Any] = []
+    data = rows.tobytes() + targets.tobytes()
+    kept = run(job, data, arrays, lambda head, _: frames.append(head))
+    end = frames[-1]
+    if "rejection" in end:
+        send({"failed": f"{end['rejection']['reason']}: {end['rejection']['detail']}"}, b"")
+    elif end.get("captured") is False:
+        send({"failed": "a step that cannot be recorded; training.captured=false asks for none"}, b"")
     else:
         send({"free_mib": arrays["free_mib"]}, b"")
-
-
-def _compute(device: torch.device, capture: Capture | None) -> None:
-    """Take a step of a small network, as trainings do: convolution, pooling, dropout, products, Adam, a recorded step.
-
-    Raises:
-        RuntimeError: the device, its libraries or what confines this process do not allow it.
-    """
-    network = torch.nn.Sequential(
-        torch.nn.Conv2d(3, 8, 3), torch.nn.ReLU(), torch.nn.MaxPool2d(2), torch.nn.Dropout(0.1), torch.nn.Flatten()
-    ).to(device)
-    head = torch.nn.Linear(8 * 15 * 15, 3).to(device)
-    optimiser = Adam([*network.parameters(), *head.parameters()], 1e-3, is_captured=capture is not None)
-
-    def step() -> None:
-        optimiser.zero_grad()
-        head(network(torch.ones(4, 3, 32, 32, device=device))).square().mean().backward()
-        optimiser.step()
-
-    step()
-    if capture is not None:
-        capture(step)()
-    if not all(bool(weights.isfinite().all()) for weights in head.parameters()):
-        raise RuntimeError("expected finite weights after a step; got others")
+    return kept
 
 
 def multiply_in(precision: Precision) -> None:

@@ -125,38 +125,41 @@ def test_training_that_was_lent_less_has_less_and_says_what_it_was_refused() -> 
 
 def looked(capture: Any = None) -> Any:
     """Look at a GPU as before a first training, on the CPU; return what is sent."""
-    header = {"recipe": written(replace(RECIPE, gpu=GPU)), "device": "cuda", "lease": {"visible": "5", "mib": 512}}
+    recipe = written(replace(RECIPE, gpu=replace(GPU, captured=capture is not None)))
+    header = {"recipe": recipe, "device": "cuda", "lease": {"visible": "5", "mib": 512}}
     arrays = equip(header, b"", {}, cuda=Cuda(free_mib=9000), device="cpu")
     frames: list[Any] = []
-    look(
-        header,
-        b"",
-        {**arrays, **({} if capture is None else {"capture": capture})},
-        lambda *f: frames.append(f),
-        device="cpu",
-    )
+    recording = {} if capture is None else {"capture": capture}
+    look(header, b"", {**arrays, **recording}, lambda *frame: frames.append(frame), device="cpu")
     return frames
 
 
-def test_look_at_a_gpu_computes_and_tells_what_is_free() -> None:
-    """A step is taken, and one is recorded where trainings will be."""
-    taken = []
+def test_look_at_a_gpu_trains_and_tells_what_is_free() -> None:
+    """A step is recorded there where trainings will record theirs."""
+    taken: list[str] = []
 
     def capture(step: Any) -> Any:
-        step()
-        return lambda: taken.append("replayed")
+        def replay() -> None:
+            taken.append("replayed")
+            step()
+
+        return replay
 
     assert looked() == looked(capture) == [({"free_mib": 9000}, b"")]
-    assert taken == ["replayed"]
+    assert taken == ["replayed"] * 2  # eight images, in batches of four
 
 
-def test_look_at_a_gpu_that_fails_says_why() -> None:
-    """What the driver refuses behind walls is told in a line, and is no exception of a candidate."""
+def test_look_at_a_gpu_says_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What does not train, and where no step can be recorded: a machine must not decide how candidates train."""
 
     def capture(step: Any) -> Any:
         raise RuntimeError("CUDA error: operation not permitted")
 
-    assert looked(capture) == [({"failed": "RuntimeError: CUDA error: operation not permitted"}, b"")]
+    ((failed, _),) = looked(capture)
+    assert "training.captured=false" in failed["failed"]
+    monkeypatch.setattr("tacevo.training.gpu._SMALL", "class Small(nn.Module): pass")
+    ((failed, _),) = looked()
+    assert Reason.construction_failed.value in failed["failed"]
 
 
 def test_job_of_a_cpu_is_left_as_it_is() -> None:
