@@ -11,8 +11,9 @@ import sys
 from collections.abc import Iterable
 from glob import glob
 
-#: Where the driver's device files lie; those of a part of a GPU (MIG) are in a directory.
-DEVICES = ("/dev/nvidia*",)
+#: The driver's device files: its control, memory that is shared with the host, each GPU, and parts of one (MIG). Not
+#: those of displays, debuggers and profilers.
+DEVICES = ("/dev/nvidiactl", "/dev/nvidia-uvm", "/dev/nvidia[0-9]*", "/dev/nvidia-caps/*")
 #: What the driver's library may read when it starts, before any code of a candidate runs: libraries, what the kernel
 #: says of devices, processors and memory, and settings.
 _READABLE = ("/usr", "/lib", "/lib64", "/opt", "/etc", "/proc", "/sys")

@@ -15,6 +15,7 @@ from tacevo.choices import Confinement
 from tacevo.records import Limits
 from tacevo.sandbox.client import Finished, Sandbox
 from tacevo.sandbox.confinement import available, in_force, report
+from tacevo.sandbox.devices import DEVICES, present
 
 pytestmark = [
     pytest.mark.timeout(60),
@@ -78,6 +79,17 @@ def test_driver_keeps_its_files_and_nothing_else_is_left(tmp_path: Path) -> None
     assert described["level"] == Confinement.kernel
     assert "device files of the GPU" in described["gpu"]
     assert described["seccomp"] != report()["seccomp"]
+
+
+def test_doors_are_those_of_computing(tmp_path: Path) -> None:
+    """Of NVIDIA's device files not those of displays, debuggers and profilers, nor one that only begins alike."""
+    names = ("nvidiactl", "nvidia-uvm", "nvidia0", "nvidia11", "nvidia-modeset", "nvidia-uvm-tools", "nvidia", "null")
+    (tmp_path / "nvidia-caps").mkdir()
+    for name in (*names, "nvidia-caps/nvidia-cap1"):
+        (tmp_path / name).touch()
+    found = present(pattern.replace("/dev", str(tmp_path), 1) for pattern in DEVICES)
+    expected = {"nvidiactl", "nvidia-uvm", "nvidia0", "nvidia11", "nvidia-cap1"}
+    assert {Path(path).name for path in found} == expected
 
 
 def test_file_that_is_not_named_is_no_door(tmp_path: Path) -> None:
