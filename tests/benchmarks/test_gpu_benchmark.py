@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from benchmarks.gpu import SETTING, Limits, Work, main, networks, one_process, whole_sandbox, work_of
+from benchmarks.gpu import SETTING, Limits, Work, lent, main, networks, one_process, whole_sandbox, work_of
 from benchmarks.gpu_precision import PUBLISHED, compared, measured, opened_bench
 from benchmarks.gpu_rows import goals, tables
 from benchmarks.gpu_rows import main as rows_of
@@ -40,6 +40,14 @@ def test_each_network_is_measured_in_each_precision() -> None:
     assert {row[1] for row in cells} == {precision.value for precision in Precision}
     assert len(cells) == 6
     assert all(row[5] in {"arithmetic", "memory"} for row in cells)
+
+
+@pytest.mark.slow
+def test_predicted_memory_stands_beside_what_is_taken() -> None:
+    """A row for each network; on a CPU nothing is taken of a GPU."""
+    rows = tables(lent(torch.device("cpu"), dict(itertools.islice(networks(), 2)), size=32, batch=4))[0]
+    assert [row["network"] for row in rows] == ["baseline", "g05s02"]
+    assert all(int(row["MiB predicted"]) > 512 and row["MiB at most"] == "0" for row in rows)
 
 
 @pytest.mark.slow
