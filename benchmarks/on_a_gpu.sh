@@ -67,7 +67,7 @@ walls() { # the same small search behind the kernel's walls; run.json says what 
 # A function runs in this shell's arrays, so it is given to `part` as a command of a shell that has them.
 inside() { declare -p tacevo small paper work python; declare -f "$1"; echo "$1"; }
 
-part tests 125 "$python" -m pytest -q -p no:cacheprovider -p no:benchmark -m gpu tests
+part tests 140 "$python" -m pytest -v -n 4 -p no:cacheprovider -p no:benchmark -m gpu tests
 part start 20 "$python" -m benchmarks.gpu_start
 part bench 110 "$python" -m benchmarks.gpu
 part search 100 "${tacevo[@]}" search "${search[@]}" "store.root=$work/cache" "run.dir=$work/run"

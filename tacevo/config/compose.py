@@ -38,7 +38,7 @@ _SEED = re.compile(r"seed=(0|[1-9]\d*)")
 
 
 def _for_device(cpu: Any, cuda: Any, *, _root_: DictConfig) -> Any:
-    """Return one of two defaults: the first where trainings run on a CPU; a study, which its run tells, has the second.
+    """Return the first of two defaults for trainings on a CPU, and else the second: on a GPU, or as a study's run says.
 
     Files of conf/ write `${for_device:FIRST,SECOND}`; what is composed, and recorded, is the value alone.
     """

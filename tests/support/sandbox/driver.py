@@ -62,7 +62,7 @@ def use(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
         "limits": partial(os.setpriority, os.PRIO_PROCESS, 0, 19),
     }
     report = {**arrays["began"], **{name: _outcome(act) for name, act in acts.items()}}
-    for name in ("library", "write", "network", "environment of the search", "open the device"):
+    for name in ("library", "write", "network", "fork", "terminal", "environment of the search", "open the device"):
         _ASKED.put(acts[name])
         report[f"{name}, driver's thread"] = _TOLD.get(timeout=10)
     report |= {f"remove {name}": _outcome(partial(os.unlink, name)) for name in (outside, device)}
