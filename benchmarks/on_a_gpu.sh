@@ -52,13 +52,6 @@ killed() { # a search is killed in its middle, goes on, and has the bytes of one
     cmp "$work/whole/ledger.jsonl" "$work/killed/ledger.jsonl" && echo "equal bytes: 1 worker, and 3 workers after a kill"
 }
 
-estimates() { # the paper's whole search, each step run eagerly in float32 as before, and as it is now
-    "${tacevo[@]}" search --estimate "${paper[@]}" training.captured=false training.precision=float32 executor.workers=2 executor.per_gpu=2 &&
-        "${tacevo[@]}" search --estimate "${paper[@]}" training.captured=false executor.workers=2 executor.per_gpu=2 &&
-        "${tacevo[@]}" search --estimate "${paper[@]}" executor.workers=2 executor.per_gpu=2 &&
-        "${tacevo[@]}" search --estimate "${paper[@]}"
-}
-
 walls() { # the same small search behind the kernel's walls; run.json says what held
     "${tacevo[@]}" search "${small[@]}" sandbox.require=kernel "store.root=$work/walled" "run.dir=$work/walls" || return
     "$python" -c 'import json, sys; print(json.dumps(json.load(open(sys.argv[1]))["confinement"], indent=1))' "$work/walls/run.json"
@@ -73,7 +66,8 @@ part bench 110 "$python" -m benchmarks.gpu
 part search 100 "${tacevo[@]}" search "${search[@]}" "store.root=$work/cache" "run.dir=$work/run"
 part retrain 40 "${tacevo[@]}" replay "$work/run" --retrain 5
 part walls 45 bash -c "$(inside walls)"
-part estimate 60 bash -c "$(inside estimates)"
+part estimate 45 "${tacevo[@]}" search --estimate "${paper[@]}"
+part estimate-before 45 "${tacevo[@]}" search --estimate "${paper[@]}" training.captured=false executor.workers=2 executor.per_gpu=2
 part killed 60 bash -c "$(inside killed)"
 part precision 60 "$python" -m benchmarks.gpu_precision
 part study 40 "${tacevo[@]}" study "$work/run" elites=4 seeds=2 epochs=5 executor.workers=8
