@@ -345,10 +345,14 @@ class Workbench:
                 case ExecutorKind.local:
                     self.run = self._stack.enter_context(self._here()).run
                     if self.config.training.device is Device.cuda:
-                        self.run = Leases(self.run, visible_gpus(), self.config.executor.per_gpu, self._predicted).run
+                        self.run = self._leases(self.run).run
                 case ExecutorKind.ray:
                     self.run = self._stack.enter_context(self._elsewhere()).run
         return self.run
+
+    def _leases(self, run: RunJob) -> Leases:
+        per_gpu, is_walled = self.config.executor.per_gpu, bool(_order(self.config).doors)
+        return Leases(run, visible_gpus(), per_gpu, self._predicted, walled=is_walled)
 
     def _predicted(self, header: Mapping[str, Any]) -> int | None:
         """Predict the memory that a training takes of a GPU, in MiB, where the probe of its network is recorded."""

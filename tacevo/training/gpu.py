@@ -117,8 +117,8 @@ def equip(header: Header, payload: bytes, arrays: Arrays, *, cuda: Any = torch.c
 def look(header: Header, payload: bytes, arrays: Arrays, send: Send, *, device: str = "cuda") -> object:
     """Train a small network on a GPU, confined as candidates are; send what was free before, `{"free_mib"}`.
 
-    Or send `{"failed"}`, why it does not train, or that no step can be recorded here although the recipe asks for it: a
-    machine must not decide how candidates train. None of their code runs in this process.
+    Or send `{"failed"}`, why it does not train. Where the header says `walled`, and the recipe asks for recorded steps,
+    it must be able to record them: walls must not decide how candidates train. None of their code runs in this process.
     """
     rows, targets = np.arange(_FEW), np.zeros((_FEW - _BATCH, _CONTRACT.outputs), np.float32)
     job = {
@@ -138,8 +138,8 @@ def look(header: Header, payload: bytes, arrays: Arrays, send: Send, *, device: 
     end = frames[-1]
     if "rejection" in end:
         send({"failed": f"{end['rejection']['reason']}: {end['rejection']['detail']}"}, b"")
-    elif end.get("captured") is False:
-        send({"failed": "a step that cannot be recorded; training.captured=false asks for none"}, b"")
+    elif header["walled"] and end.get("captured") is False:
+        send({"failed": "a step that cannot be recorded behind walls; training.captured=false asks for none"}, b"")
     else:
         send({"free_mib": arrays["free_mib"]}, b"")
     return kept

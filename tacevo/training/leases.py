@@ -62,12 +62,20 @@ class Leases:
         gpus: names for CUDA_VISIBLE_DEVICES.
         per_gpu: most trainings on one of them at once; None for as many as fit.
         predict: what a training will take; used where `per_gpu` is None.
+        walled: whether walls hold what runs there.
     """
 
     def __init__(
-        self, run: RunJob, gpus: Sequence[str], per_gpu: int | None, predict: Predict = lambda header: None
+        self,
+        run: RunJob,
+        gpus: Sequence[str],
+        per_gpu: int | None,
+        predict: Predict = lambda header: None,
+        *,
+        walled: bool = False,
     ) -> None:
         self._run, self._gpus, self._per_gpu, self._predict = run, tuple(gpus), per_gpu, predict
+        self._walled = walled
         #: Places, or MiB, that are not lent. None before the GPUs were looked at.
         self._room: dict[str, int] | None = None
         self._looking = threading.Lock()
@@ -110,7 +118,7 @@ class Leases:
             if not self._gpus:
                 expected, remedy = "a GPU for a training", "name some in CUDA_VISIBLE_DEVICES"
                 raise SandboxError("a machine without one", expected=expected, remedy=remedy)
-            asked = {"recipe": header["recipe"], "device": header["device"]}
+            asked = {"recipe": header["recipe"], "device": header["device"], "walled": self._walled}
             free = {gpu: self._look_at(gpu, leased(asked, gpu, mib=_LOOK_MIB), limits) for gpu in self._gpus}
             if self._per_gpu is None and min(free.values()) < (needed := _most(header) + CONTEXT_MIB):
                 expected = f"{needed} MiB free on each GPU for a candidate"

@@ -123,10 +123,10 @@ def test_training_that_was_lent_less_has_less_and_says_what_it_was_refused() -> 
     assert "refused" not in equipped({**header, "lease": {"visible": "5", "mib": GPU.memory_mib}})
 
 
-def looked(capture: Any = None) -> Any:
+def looked(capture: Any = None, *, walled: bool = False) -> Any:
     """Look at a GPU as before a first training, on the CPU; return what is sent."""
     recipe = written(replace(RECIPE, gpu=replace(GPU, captured=capture is not None)))
-    header = {"recipe": recipe, "device": "cuda", "lease": {"visible": "5", "mib": 512}}
+    header = {"recipe": recipe, "device": "cuda", "walled": walled, "lease": {"visible": "5", "mib": 512}}
     arrays = equip(header, b"", {}, cuda=Cuda(free_mib=9000), device="cpu")
     frames: list[Any] = []
     recording = {} if capture is None else {"capture": capture}
@@ -150,12 +150,13 @@ def test_look_at_a_gpu_trains_and_tells_what_is_free() -> None:
 
 
 def test_look_at_a_gpu_says_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What does not train, and where no step can be recorded: a machine must not decide how candidates train."""
+    """What does not train; and behind walls, which must not decide how candidates train, no step that is recorded."""
 
     def capture(step: Any) -> Any:
         raise RuntimeError("CUDA error: operation not permitted")
 
-    ((failed, _),) = looked(capture)
+    assert looked(capture) == [({"free_mib": 9000}, b"")]
+    ((failed, _),) = looked(capture, walled=True)
     assert "training.captured=false" in failed["failed"]
     monkeypatch.setattr("tacevo.training.gpu._SMALL", "class Small(nn.Module): pass")
     ((failed, _),) = looked()
