@@ -348,8 +348,9 @@ class ExecutorConfig(Record):
     #: Ray: the head of the cluster, as HOST:PORT, or `auto` for the one that RAY_ADDRESS names or that runs here; null
     #: to start a Ray of `workers` slots here, which ends with the search.
     address: Text | None = None
-    #: With `training.device=cuda`: most candidates that train on one GPU at once.
-    per_gpu: OneToMillion = 1
+    #: With `training.device=cuda`: most candidates that train on one GPU at once; null for as many as fit into its
+    #: memory. No result depends on it.
+    per_gpu: OneToMillion | None = 1
 
     @property
     def is_here(self) -> bool:
