@@ -5,10 +5,12 @@
 For the baseline and four networks of the first published force run, at 256 px, in each precision: images/s of the
 trainer in one process, each step run eagerly, and one step captured and replayed in either layout. Beside it the two
 limits that the device has for that network: its arithmetic, by the rate of a large matrix product, and its memory, by
-the rate of a large copy. And baselines an hour through the whole sandbox, with one, two and four on the GPU at once.
+the rate of a large copy. Beside that the memory that is predicted of a training, and what it takes; and baselines an
+hour through the whole sandbox, with one, two and four on the GPU at once.
 Without CUDA it says so and measures nothing. benchmarks/README.md has what it said of an H200.
 """
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,9 +24,12 @@ from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from tacevo.bundles.open import opened
-from tacevo.choices import Layout, Precision
+from tacevo.choices import Device, Layout, Numerics, Precision
 from tacevo.config.compose import compose
-from tacevo.records import Contract, Gpu, written
+from tacevo.errors import RunError
+from tacevo.gate.probe import run as probe
+from tacevo.profile import Profile
+from tacevo.records import Contract, Gpu, to_json, written
 from tacevo.results.run import read_run
 from tacevo.runs.answers import task_without_data
 from tacevo.runs.pace import measure
@@ -33,7 +38,10 @@ from tacevo.sandbox.candidate import build
 from tacevo.text import table
 from tacevo.training.captured import Capture, capture
 from tacevo.training.gpu import Resident, multiply_in
+from tacevo.training.memory import predicted_mib
+from tacevo.training.numerics import environment
 from tacevo.training.trainer import run
+from tacevo.typed import convert
 
 PUBLISHED = Path("tests/golden/bundles/force-grammar.zip")
 
@@ -79,9 +87,9 @@ class Work:
         return min((limits.arithmetic / self.flops, "arithmetic"), (limits.traffic / self.traffic, "memory"))
 
 
-def networks(count: int = 4) -> Iterator[tuple[str, str]]:
-    """Yield name and source of the baseline, and of candidates from the fewest FLOPs to the most."""
-    bundle = opened(PUBLISHED)
+def networks(count: int = 4, published: Path = PUBLISHED) -> Iterator[tuple[str, str]]:
+    """Yield name and source of a run's baseline, and of so many candidates from the fewest FLOPs to the most."""
+    bundle = opened(published)
     (path,) = bundle.runs
     trained = sorted(read_run(path).trained, key=lambda line: line.flops or 0)
     chosen = [trained[round(place * (len(trained) - 1) / (count - 1))] for place in range(count)]
@@ -197,6 +205,40 @@ def one_process(
     return table(["network", "precision", "GFLOP/image", *how, "limit", "set by", "reached"], rows)
 
 
+def profile_of(source: str, contract: Contract) -> Profile:
+    """Probe a network on the CPU, in this process.
+
+    Raises:
+        RunError: the probe rejects it.
+    """
+    told: list[Any] = []
+    limits = dict.fromkeys(("parameters", "flops", "modules"), 2**53)
+    probe(
+        {"source": source, "contract": to_json(contract), "limits": limits}, b"", {}, lambda head, _: told.append(head)
+    )
+    profile: Profile = convert(Profile, told[0].get("profile"), place="the probe", error=RunError)
+    return profile
+
+
+def lent(device: torch.device, sources: Mapping[str, str], *, size: int = SIZE, batch: int = BATCH) -> str:
+    """Compare the memory that is predicted of a training with what torch takes at most; return a table."""
+    _, task = task_without_data("force", size)
+    capturing = capture if device.type == "cuda" else None
+    rows = []
+    for name, source in sources.items():
+        recipe = replace(recipe_of(compose([])), batch_size=batch)
+        guess = predicted_mib(profile_of(source, task.contract), task.contract, recipe, 2 * batch)
+        peak = 0
+        if device.type == "cuda":
+            torch.cuda.empty_cache()
+            torch.cuda.reset_peak_memory_stats()
+        images_per_second(source, task.contract, device, Precision.tf32, capture=capturing, steps=1, batch=batch)
+        if device.type == "cuda":
+            peak = torch.cuda.max_memory_reserved() // 2**20
+        rows.append([name, f"{guess:,}", f"{peak:,}", f"{peak / (guess or 1):.2f}"])
+    return table(["network", "MiB predicted", "MiB at most", "of it"], rows)
+
+
 def whole_sandbox(overrides: Sequence[str], *, at_once: Sequence[int] = (1, 2, 4)) -> str:
     """Measure baselines an hour as a search trains them; return a table."""
     rows = []
@@ -230,9 +272,11 @@ def main() -> int:
     if not torch.cuda.is_available():
         print("no CUDA device that torch can use; nothing was measured", file=sys.stderr)
         return 2
+    os.environ.update(environment(Numerics.fast, Device.cuda))  # cuBLAS reads its own when it starts
     model = torch.cuda.get_device_name(0)
     print(f"{model}, torch {torch.__version__}, {SIZE} px, batches of {BATCH}\n", flush=True)
     print(whole_sandbox([*SETTING, f"training.gpu={model}"]), flush=True)
+    print(f"\n{lent(torch.device('cuda'), dict(networks()))}", flush=True)
     print(f"\n{one_process(torch.device('cuda'), dict(networks()))}")
     return 0
 

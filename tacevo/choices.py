@@ -1,10 +1,6 @@
 """The named choices of a configuration; member names are what users write (Hydra reads enums by name)."""
 
-import statistics
-from collections.abc import Sequence
 from enum import StrEnum
-
-from tacevo.rounding import rounded
 
 
 class SensorTask(StrEnum):
@@ -157,30 +153,6 @@ class Confinement(StrEnum):
     none = "none"
     process = "process"
     kernel = "kernel"
-
-
-class FitnessRule(StrEnum):
-    """What the fitness of a short training is of its validation losses; lower is better.
-
-    The last loss of a training jumps, so a search by it selects networks that jump (docs/evidence.md).
-    """
-
-    #: The loss after the last epoch, which is the paper's (Algorithm 1).
-    last = "last"
-    #: The lowest loss of all epochs, of whose weights a study takes its test score.
-    lowest = "lowest"
-    #: The mean over the last three epochs, or over all of fewer.
-    mean_of_3 = "mean_of_3"
-
-    def of(self, losses: Sequence[float]) -> float:
-        """Return the fitness of a training by its validation losses, one an epoch, at least one."""
-        match self:
-            case FitnessRule.last:
-                return losses[-1]
-            case FitnessRule.lowest:
-                return min(losses)
-            case FitnessRule.mean_of_3:
-                return rounded(statistics.fmean(losses[-3:]))
 
 
 class ChosenBy(StrEnum):

@@ -381,7 +381,7 @@ class Recipe(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Training(Record):
-    """The results of a finished training; its fitness is `tacevo.choices.FitnessRule.of` its validation losses."""
+    """The results of a finished training; its fitness is `tacevo.parts.Fitness.of` its validation losses."""
 
     #: Mean training loss of each epoch, as the child reported it; shown, never used for selection.
     train_losses: tuple[float, ...]

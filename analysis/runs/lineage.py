@@ -9,8 +9,8 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.results.run import RecordedRun
 
 #: The columns of a lineage, whose index is `id`, and the type of each: parents are a tuple of ids; the instruction is
-#: missing of the baseline and a crossover; the fitness is what the search knew at its end, missing where a training
-#: failed; gain is how much less loss a network has than the better of its parents, missing where one is unknown.
+#: missing of the baseline and a crossover; the fitness is missing where a training failed; gain is how much less loss a
+#: network has than the better of its parents, missing where one is unknown.
 LINEAGE = {"generation": "int64", "operator": "str", "instruction": "str", "parents": "object"}
 LINEAGE |= {"fitness": "float64", "gain": "float64"}
 

@@ -11,7 +11,8 @@ from scipy.stats import f, kendalltau
 
 from analysis.statistics.effects import LEVEL, superiority
 from analysis.table import Between
-from tacevo.choices import FitnessRule
+from tacevo.parts.kinds import FITNESS
+from tacevo.parts.registry import of_settings
 from tacevo.rounding import rounded
 
 #: The columns of fitnesses beside their re-estimates, and the type of each, a network a row, the reference first. Of
@@ -148,11 +149,12 @@ def worth(losses: ArrayLike, scores: ArrayLike) -> pd.DataFrame | None:
     """
     curves = np.asarray(losses, dtype=np.float64)
     rows = []
-    for rule in FitnessRule:
+    for name in FITNESS.ours:
+        rule = of_settings(FITNESS, name, None)
         fitness = np.array([[rule.of(losses) for losses in network] for network in curves.tolist()])
         ranked, part = rankings(fitness[:, :, None], scores), icc(fitness)
         if ranked is None:
             return None
         taus = ranked.drop(columns="epoch").iloc[0].to_dict()
-        rows.append({"rule": rule.value} | taus | ({} if part is None else part.columns("icc")))
+        rows.append({"rule": name} | taus | ({} if part is None else part.columns("icc")))
     return pd.DataFrame(rows, columns=list(WORTH)).astype(WORTH)

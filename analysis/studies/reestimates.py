@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from analysis.statistics.seed_noise import agreement, icc, noise, rankings, worth
 from analysis.table import Between
-from tacevo.choices import FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, RunError
+from tacevo.parts.kinds import FITNESS
+from tacevo.parts.registry import of_settings
 from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
 from tacevo.results.study_directory import FinishedStudy
 from tacevo.results.study_lines import FailedLine, ScoreLine, StudyHeader, StudyNetwork
@@ -47,7 +48,7 @@ class Reestimates:
     #: The others, with which some seed failed; never the baseline.
     failed: tuple[StudyNetwork, ...] = ()
     #: What a fitness is of the losses of its training.
-    rule: FitnessRule = FitnessRule.last
+    rule: str = "last"
     #: Whether they were looked up in a table, which has no more seeds than were recorded.
     looked_up: bool = False
 
@@ -61,12 +62,14 @@ class Reestimates:
         """What a fitness is, in words."""
         epochs = counted(self.epochs, "epoch")
         match self.rule:
-            case FitnessRule.last:
+            case "last":
                 return f"the validation loss after {epochs}"
-            case FitnessRule.lowest:
+            case "lowest":
                 return f"the lowest validation loss of {epochs}"
-            case FitnessRule.mean_of_3:
+            case "mean_of_3":
                 return f"the mean validation loss of the last 3 of {epochs}"
+            case brought:
+                return f"{brought} of the validation losses of {epochs}"
 
     @property
     def seeds(self) -> int:
@@ -147,11 +150,15 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
     networks = tuple(network for network in header.networks if network.name not in failed)
     sound = [row for row in (by_name[name] for name in names) if isinstance(row, ScoreLine)]
     ordered, shape = [row for row in sound if row.network not in failed], (len(networks), header.seeds)
-    epochs, rule = config.training.epochs, config.training.fitness
+    epochs, name = config.training.epochs, config.training.fitness
     ranked = by_rule = None
     if header.terms is None:
         fitness = np.array([row.validation_loss for row in ordered]).reshape(shape)
     else:
+        if name not in FITNESS.ours:
+            expected = f"one of {', '.join(FITNESS.ours)}: what another is after fewer epochs was not recorded"
+            raise RunError(name, place=f"training.fitness of {finished.path.name}", expected=expected)
+        rule = of_settings(FITNESS, name, config.training)
         curves, tested = [_losses(store, row) for row in ordered], _tested(header, ordered).reshape(shape)
         so_far = [[rule.of(losses[:epoch]) for epoch in range(1, len(losses) + 1)] for losses in curves]
         by_epoch = np.array(so_far).reshape(*shape, -1)
@@ -162,7 +169,7 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
         networks=networks,
         estimates=tuple(map(tuple, fitness.tolist())),
         epochs=epochs,
-        rule=rule,
+        rule=name,
         rankings=ranked,
         worth=by_rule,
         failed=tuple(network for network in header.networks if network.name in failed),

@@ -53,6 +53,7 @@ LINES = {name: line for group in GROUPS.values() for name, line in group.items()
 
 #: What replaced commands of the last release.
 _REPLACED = {
+    "cache explain": "cat cache/KIND/KE/KEY.json",
     "cache ls": "tacevo cache verify",
     "continue": "tacevo extend RUN search.generations=N",
     "paper": "tacevo report RUN... --latex",

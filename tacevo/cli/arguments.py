@@ -86,7 +86,7 @@ SETTINGS = {
     "plan": "the plan.json that it follows, which is kept in it (none)",
     "executor": "local or ray: on this machine, or on the nodes of a Ray cluster; the first unless set",
     "executor.workers": "trainings at once (2)",
-    "executor.per_gpu": "with a GPU: most trainings on it at once (1)",
+    "executor.per_gpu": "with a GPU: most trainings on it at once (as many as fit)",
     "executor.address": "of that cluster, as HOST:PORT or auto; none starts a Ray here",
     "store.root": "the directory of the stores (that of the run)",
 }

@@ -1,10 +1,11 @@
 """The executor of a Ray cluster: candidates run on its nodes."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tacevo.cluster.cluster import Cluster
 from tacevo.cluster.connection import check_head, import_ray
@@ -45,6 +46,7 @@ class Ray:
         started: None = None,
         notice: Notice | None = None,
         say: Callable[[str], None] | None = None,
+        predict: Callable[[Mapping[str, Any]], int | None] | None = None,
     ) -> Iterator[RunJob]:
         """Join the nodes; raises as `tacevo.cluster.cluster.Cluster`."""
         described = None if images is None else (describe(images), images)

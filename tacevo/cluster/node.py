@@ -59,7 +59,7 @@ class ClusterNode:
         self._held.measures = ()
         entry, header, payload, limits, score = pickle.loads(job)
         if gpus:
-            header = leased(header, gpus[0], self._order.per_gpu)
+            header = leased(header, gpus[0], per_gpu=self._order.per_gpu)
         answer = self._sandbox().run(entry, header, payload, limits, score)
         return pickle.dumps((answer, self._walls()))
 

@@ -71,7 +71,9 @@ def check_change(choice: str, arm: Mapping[str, Json], without: Mapping[str, Jso
     settings = dict(leaves(without))
     place = f"{GROUP}={choice}"
     if key not in settings:
-        raise ConfigError(f"{key}={value}, which is not a setting", place=place, expected="a setting of a search")
+        raise removed(f"{key}={value}") or ConfigError(
+            f"{key}={value}, which is not a setting", place=place, expected="a setting of a search"
+        )
     if settings[key] == value:
         expected, remedy = (
             f"a change: else it is a copy of {GROUP}={NONE}",

@@ -55,8 +55,12 @@ def check_device(config: RunConfig) -> None:
     executor = config.executor
     if executor.is_here:
         _check_that(executor.address is None, "executor.address", "null without executor=ray", executor.address)
+    elif config.training.device is Device.cuda:
+        counted = "a number with executor=ray, whose nodes lend GPUs by count"
+        _check_that(executor.per_gpu is not None, "executor.per_gpu", counted, executor.per_gpu)
     if config.training.device is Device.cpu:
-        _check_that(executor.per_gpu == 1, "executor.per_gpu", "1 with training.device=cpu", executor.per_gpu)
+        is_usual = executor.per_gpu in {1, None}  # a study does not know its run's device, and has null
+        _check_that(is_usual, "executor.per_gpu", "1 with training.device=cpu", executor.per_gpu)
     _check_gpu(config)
 
 
@@ -68,8 +72,9 @@ def _check_gpu(config: RunConfig) -> None:
             expected = f"{json.dumps(to_json(default))} with training.device=cpu"
             _check_that(value == default, f"training.{name}", expected, value)
         return
-    why = "with training.device=cuda, whose driver does not work in a sandbox"
-    _check_that(walls is Confinement.none, "sandbox.require", f"none {why}", walls)
+    is_here = config.executor.is_here
+    known = f"none{' or kernel' if is_here else ''} with training.device=cuda, whose driver needs doors in the walls"
+    _check_that(walls is Confinement.none or (is_here and walls is Confinement.kernel), "sandbox.require", known, walls)
     why = "with training.device=cuda, where equal bits are promised on one GPU only"
     _check_that(numerics is Numerics.fast, "numerics.kind", f"fast {why}", numerics)
     why = "with training.device=cuda, whose bits depend on it; `tacevo doctor` names it"

@@ -74,8 +74,10 @@ def open_parts(plain: Mapping[str, Any]) -> list[OpenPart]:
 
 def _default(setting: Field[Any]) -> Json:
     if setting.default_factory is not MISSING:
-        return to_json(setting.default_factory())
-    return "???" if setting.default is MISSING else to_json(setting.default)
+        made: Json = to_json(setting.default_factory())
+        return made
+    default: Json = "???" if setting.default is MISSING else to_json(setting.default)
+    return default
 
 
 def part_of(config: RunConfig, kind: Kind, *, prices: Any = None) -> Any:

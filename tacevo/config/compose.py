@@ -20,6 +20,7 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf, open_dict
 
+from tacevo.choices import Device
 from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.chosen import check_parts, names_open, open_parts
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
@@ -37,6 +38,17 @@ T = TypeVar("T")
 
 #: The override of a seed that is a number.
 _SEED = re.compile(r"seed=(0|[1-9]\d*)")
+
+
+def _for_device(cpu: Any, cuda: Any, *, _root_: DictConfig) -> Any:
+    """Return the first of two defaults for trainings on a CPU, and else the second: on a GPU, or as a study's run says.
+
+    Files of conf/ write `${for_device:FIRST,SECOND}`; what is composed, and recorded, is the value alone.
+    """
+    return cpu if OmegaConf.select(_root_, "training.device") == Device.cpu.value else cuda
+
+
+OmegaConf.register_new_resolver("for_device", _for_device, replace=True)
 
 
 def compose(overrides: Sequence[str]) -> RunConfig:
@@ -109,9 +121,10 @@ def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str]) -> dict[st
     if not (overrides or given or names_own(plain) or names_open(plain)):
         return plain
     found, others = own_parts(plain), [part for part in open_parts(plain) if part.settings]
-    chosen = {part.name for part in (*found, *others)}
-    if len(chosen) < len(found) + len(others):
-        got = listed(part.name for part in (*found, *others))
+    named = [*(part.name for part in found), *(part.name for part in others)]
+    chosen = set(named)
+    if len(chosen) < len(named):
+        got = listed(named)
         raise ConfigError(got, place="parts", expected="parts of different names, each of which has settings")
     for override in overrides:
         name, _, setting = override.partition("=")[0].removeprefix("parts.").partition(".")

@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping
 
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, PARENTS, PROMPTS, TEMPERATURES, Kind
+from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, FITNESS, PARENTS, PROMPTS, TEMPERATURES, Kind
 from tacevo.parts.registry import load
 from tacevo.records import Json, written
 from tacevo.storage.canonical import content_hash
 
 #: The kinds whose parts decide.
-DECIDING = (PARENTS, PROMPTS, TEMPERATURES, ARCHIVES, DESCRIPTORS)
+DECIDING = (PARENTS, PROMPTS, TEMPERATURES, ARCHIVES, DESCRIPTORS, FITNESS)
 
 
 def chosen(config: RunConfig, kind: Kind) -> tuple[str, ...]:

@@ -19,7 +19,6 @@ from tacevo.choices import (
     BoundsRule,
     Confinement,
     Device,
-    FitnessRule,
     GratingClasses,
     Layout,
     LightScene,
@@ -317,7 +316,7 @@ class TrainingConfig(Record):
     layout: Layout = Layout.contiguous  #: with `device=cuda`: how images and weights lie in its memory
     #: With `device=cuda`: whether the step of a training is recorded once and replayed, where the network allows it.
     captured: bool = True
-    fitness: FitnessRule = FitnessRule.last  #: what a training's fitness is of its validation losses
+    fitness: Part = "last"  #: what a training's fitness is of its validation losses
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -349,8 +348,9 @@ class ExecutorConfig(Record):
     #: Ray: the head of the cluster, as HOST:PORT, or `auto` for the one that RAY_ADDRESS names or that runs here; null
     #: to start a Ray of `workers` slots here, which ends with the search.
     address: Text | None = None
-    #: With `training.device=cuda`: most candidates that train on one GPU at once.
-    per_gpu: OneToMillion = 1
+    #: With `training.device=cuda`: most candidates that train on one GPU at once; null for as many as fit into its
+    #: memory. No result depends on it.
+    per_gpu: OneToMillion | None = 1
 
     @property
     def is_here(self) -> bool:

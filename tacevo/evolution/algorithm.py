@@ -133,9 +133,9 @@ def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchStat
     if admitted is None:
         return state, line
     line = replace(line, **asdict(describe(admitted.profile)))
-    if not isinstance(result, Training):
+    fitness = line.fitness
+    if not isinstance(result, Training) or fitness is None:
         return state, line
-    fitness = plan.fitness.of(result.validation_losses)
     point = tuple(axis.describe(admitted.profile) for axis in plan.axes.values())
     newcomer = Individual(elite=Elite(name=line.id, objective=-fitness), point=point)
     networks, niche, status = state.networks.offer(plan.networks, newcomer)

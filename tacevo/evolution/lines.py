@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
-from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import AddStatus, AxisBounds
+from tacevo.parts import Fitness
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
 
 #: The sampling setting that a search adapts.
@@ -180,11 +180,6 @@ def source_hash(source: str) -> str:
     return hashlib.sha256(source.encode()).hexdigest()
 
 
-def with_training(line: CandidateLine, training: Training, rule: FitnessRule) -> CandidateLine:
-    """Return a line with what its training gave."""
-    return replace(line, fitness=rule.of(training.validation_losses), **of_training(training))
-
-
 def of_training(training: Training) -> dict[str, Any]:
     """Return what a training gave by the names that lines have for it."""
     return {
@@ -198,13 +193,13 @@ def of_training(training: Training) -> dict[str, Any]:
 
 
 def with_result(
-    line: CandidateLine, result: Training | Rejection, *, evaluation: str | None, rule: FitnessRule
+    line: CandidateLine, result: Training | Rejection, *, evaluation: str | None, rule: Fitness
 ) -> CandidateLine:
     """Return a line with what gate and training found; `evaluation` names the training, where there was one."""
     line = replace(line, evaluation=evaluation)
     if isinstance(result, Rejection):
         return replace(line, stage=result.stage, reason=result.reason)
-    return with_training(line, result, rule)
+    return replace(line, fitness=rule.of(result.validation_losses), **of_training(result))
 
 
 def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: int) -> int:

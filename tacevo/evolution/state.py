@@ -5,13 +5,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
 from tacevo.evolution.development import Outcome
+from tacevo.evolution.fitness import Last
 from tacevo.evolution.lines import SearchLine, training_flops
 from tacevo.evolution.prompts import PromptArchive
 from tacevo.evolution.proposals import Candidate, Settings
-from tacevo.parts import Descriptor, Temperature
+from tacevo.parts import Descriptor, Fitness, Temperature
 from tacevo.records import Task
 
 
@@ -52,7 +52,7 @@ class Plan:
     #: What ends the search before generation G.
     budget: Budget | None = None
     #: What the fitness of a training is of its losses.
-    fitness: FitnessRule = FitnessRule.last
+    fitness: Fitness = field(default_factory=Last)
     #: The part of the networks that a surrogate judges worst, and that are not trained, in [0, 1).
     skipped: float = 0.0
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.

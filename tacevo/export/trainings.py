@@ -8,7 +8,6 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
-from tacevo.choices import FitnessRule
 from tacevo.config.compose import compose_study
 from tacevo.config.schema import OneToMillion, RunConfig, is_a
 from tacevo.data.dataset import Dataset
@@ -277,9 +276,7 @@ def _train(
     record = plan.recorded.get(key) if is_stored else None
     differing = _differing(told, weighed, plan.rules)
     if isinstance(record, CandidateLine) and differing is not None:
-        differing = tuple(
-            dict.fromkeys([*differing, *_differing_from_line(record, weighed.training, plan.config.training.fitness)])
-        )
+        differing = tuple(dict.fromkeys([*differing, *_differing_from_line(record, weighed.training)]))
     return Trained(
         weighed=weighed, seed=seed, epoch=epoch, key=key, was_recorded=record is not None, differing=differing
     )
@@ -328,12 +325,15 @@ def _differing(told: FullTraining | Training | None, weighed: Weighed, rules: in
     return tuple(names)
 
 
-def _differing_from_line(line: CandidateLine, now: Training, rule: FitnessRule) -> list[str]:
-    """Name what the ledger says otherwise; a ledger of an earlier release does not say all of it."""
-    said = of_training(now) | {"fitness": rule.of(now.validation_losses)}
+def _differing_from_line(line: CandidateLine, now: Training) -> list[str]:
+    """Name what the ledger says otherwise; a ledger of an earlier release does not say all of it.
+
+    The fitness follows from the losses, as a replay has it.
+    """
+    said = of_training(now)
     return [
         name
-        for name in ("train_losses", "validation_losses", "predictions", "weights", "fitness")
+        for name in ("train_losses", "validation_losses", "predictions", "weights")
         if getattr(line, name) not in {None, said[name]}
     ]
 

@@ -31,15 +31,18 @@ class Order:
     device: Device
     #: The model of the GPU; None for any, or on a CPU.
     gpu: str | None
-    #: Most trainings on one GPU at once.
-    per_gpu: int
+    #: Most trainings on one GPU at once; None for as many as fit, on this machine.
+    per_gpu: int | None
     #: The weakest confinement that will do.
     require: Confinement
+    #: Patterns of the device files that the walls leave open to what computes on a GPU.
+    doors: tuple[str, ...] = ()
 
     @property
     def strongest(self) -> Confinement:
-        """The strongest confinement that this device leaves."""
-        return Confinement.kernel if self.device is Device.cpu else Confinement.none
+        """The strongest confinement of a candidate on this device: on a GPU all of it or none, as is demanded."""
+        is_walled = self.device is Device.cpu or self.require is Confinement.kernel
+        return Confinement.kernel if is_walled else Confinement.none
 
 
 class Executor(Protocol):
@@ -70,6 +73,7 @@ class Executor(Protocol):
         started: Any = None,
         notice: Notice | None = None,
         say: Callable[[str], None] | None = None,
+        predict: Callable[[Mapping[str, Any]], int | None] | None = None,
     ) -> AbstractContextManager[RunJob]:
         """Open what runs jobs as `tacevo.sandbox.client.Sandbox.run` does; several threads may call that at once.
 
@@ -80,5 +84,7 @@ class Executor(Protocol):
             started: of `ahead`; None where that was not called.
             notice: called for every candidate before its answer is returned, by the thread that waits for it.
             say: called with a line for the user.
+            predict: returns the memory that a training takes of a GPU, in MiB, by the header of its job; None where
+                nobody knows.
         """
         ...

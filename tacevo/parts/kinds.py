@@ -160,7 +160,11 @@ FITNESS = Kind(
     does="turns the validation losses of a training into a fitness",
     setting="training.fitness",
     decides=True,
-    ours={},
+    ours={
+        "last": "tacevo.evolution.fitness:Last",
+        "lowest": "tacevo.evolution.fitness:Lowest",
+        "mean_of_3": "tacevo.evolution.fitness:MeanOf3",
+    },
     base="Fitness",
 )
 

@@ -6,7 +6,6 @@ It follows from the ledger; of candidates that are alike in all that it says, al
 import math
 from collections.abc import Callable, Collection, Sequence
 
-from tacevo.choices import FitnessRule
 from tacevo.config.deciding import constant
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
@@ -60,9 +59,9 @@ def _short(run: RecordedRun, write: Callable[[str], str]) -> list[str]:
 
 #: What a fitness is of a training; `{}` is what seed it is.
 _LOSSES = {
-    FitnessRule.last: "loss of one {} seed",
-    FitnessRule.lowest: "lowest loss of one seed",
-    FitnessRule.mean_of_3: "mean of 3 losses of one seed",
+    "last": "loss of one {} seed",
+    "lowest": "lowest loss of one seed",
+    "mean_of_3": "mean of 3 losses of one seed",
 }
 
 
@@ -78,7 +77,10 @@ def evaluated(config: RunConfig) -> str:
 
 def worth(config: RunConfig) -> str:
     """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
-    loss = _LOSSES[config.training.fitness].format("recorded" if is_looked_up(config) else "training")
+    fitness = config.training.fitness
+    loss = _LOSSES.get(fitness, f"{fitness} of the losses of one {{}} seed").format(
+        "recorded" if is_looked_up(config) else "training"
+    )
     return f"one draw, the {loss}, and the best is the lowest of many."
 
 

@@ -18,6 +18,7 @@ from tacevo.parts import (
     Archive,
     Candidate,
     Descriptor,
+    Fitness,
     Generation,
     Parents,
     Population,
@@ -25,7 +26,7 @@ from tacevo.parts import (
     Prompts,
     Temperature,
 )
-from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, PARENTS, PROMPTS, TEMPERATURES, Kind
+from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, FITNESS, PARENTS, PROMPTS, TEMPERATURES, Kind
 from tacevo.parts.registry import of_settings
 from tacevo.parts.sources import recalled
 from tacevo.profile import Profile
@@ -128,6 +129,12 @@ class Parts:
         settings = self.config.temperature
         temperature: Temperature = self._part(TEMPERATURES, settings.rule, settings, _Temperature)
         return temperature
+
+    def fitness(self) -> Fitness:
+        """Return what the fitness of a training is."""
+        training = self.config.training
+        fitness: Fitness = self._part(FITNESS, training.fitness, training, _Fitness)
+        return fitness
 
     def archive(self) -> Archive:
         """Return who says where the niches are."""
@@ -235,6 +242,11 @@ class _Prompts(_Brought, Prompts):
 class _Temperature(_Brought, Temperature):
     def next(self, ended: Generation) -> float:
         return self._number("next", {"ended": to_json(ended)})
+
+
+class _Fitness(_Brought, Fitness):
+    def of(self, losses: Sequence[float]) -> float:
+        return rounded(self._number("of", {"losses": list(losses)}))
 
 
 class _Descriptor(_Brought, Descriptor):

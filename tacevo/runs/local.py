@@ -1,10 +1,11 @@
 """The executor of this machine: candidates run in processes of its own."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tacevo.choices import Device
 from tacevo.config.schema import RunConfig
@@ -12,6 +13,7 @@ from tacevo.environment import usable_cores
 from tacevo.parts.executor import Notice, Order
 from tacevo.sandbox.client import RunJob, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
+from tacevo.training import evaluation
 from tacevo.training.numerics import check_machine
 
 
@@ -42,6 +44,7 @@ class Local:
         started: Zygote | None = None,
         notice: Notice | None = None,
         say: Callable[[str], None] | None = None,
+        predict: Callable[[Mapping[str, Any]], int | None] | None = None,
     ) -> Iterator[RunJob]:
         """Open the sandbox, and on GPUs what shares them out; nothing is said."""
         sandbox = Sandbox(
@@ -49,6 +52,7 @@ class Local:
             environment=order.environment,
             arrays={} if images is None else {"images": images},
             strongest=order.strongest,
+            doors=dict.fromkeys((*evaluation.ENTRIES, *evaluation.ENTRIES_OF_GPUS), order.doors),
             notice=None if notice is None else lambda measures: notice(in_force(measures)),
             zygote=started,
             equip=order.equip,
@@ -59,13 +63,19 @@ class Local:
                 return
             from tacevo.training.leases import Leases, visible_gpus
 
-            yield Leases(sandbox.run, visible_gpus(), order.per_gpu).run
+            yield Leases(
+                sandbox.run, visible_gpus(), order.per_gpu, predict or (lambda header: None), walled=bool(order.doors)
+            ).run
 
 
 def trainings_at_once(config: RunConfig) -> int:
-    """Return how many trainings run here together: one for each worker, core and share of a GPU; at least one."""
+    """Return how many trainings run here together: one for each worker, core and share of a GPU; at least one.
+
+    Where a GPU is lent by memory, nobody knows before; then it is one for each worker, and some of them may wait.
+    """
+    workers, per_gpu = config.executor.workers, config.executor.per_gpu
     if config.training.device is Device.cpu:
-        return max(1, min(config.executor.workers, usable_cores()))
+        return max(1, min(workers, usable_cores()))
     from tacevo.training.leases import visible_gpus
 
-    return max(1, min(config.executor.workers, config.executor.per_gpu * len(visible_gpus())))
+    return max(1, min(workers, (workers if per_gpu is None else per_gpu) * len(visible_gpus())))

@@ -113,6 +113,8 @@ def measure(config: RunConfig) -> Pace:
             """Return the seconds of so many epochs of each worker's baseline."""
             return _timed(lambda: list(bench.executor.map(partial(_train, bench, source, epochs), range(workers))))
 
+        if config.training.device is Device.cuda:
+            train(1)  # the first one waits until the GPUs were looked at
         least, epochs = train(1), 2
         while (took := train(epochs) - least) < _SECONDS:
             epochs *= 2

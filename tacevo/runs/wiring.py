@@ -2,19 +2,19 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn, Self
 
-from tacevo.choices import BoundsRule, Device, Numerics
+from tacevo.choices import BoundsRule, Confinement, Device, Numerics
 from tacevo.config.checks import check_device
 from tacevo.config.chosen import own_settings, part_of
 from tacevo.config.schema import ArchiveConfig, NumericsConfig, RunConfig, TrainingConfig
 from tacevo.data.dataset import Dataset
-from tacevo.errors import SandboxError, StoreError
+from tacevo.errors import CacheMissError, SandboxError, StoreError
 from tacevo.evolution.archive import AxisBounds, Cvt, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.development import LLM, Effects
@@ -23,6 +23,7 @@ from tacevo.evolution.state import Budget, Plan
 from tacevo.gate.admission import DataImages, Gate, GateLimits
 from tacevo.parts.executor import Executor, Notice, Order
 from tacevo.parts.kinds import EXECUTORS
+from tacevo.profile import Admitted
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, EAGER, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import answering, examples_of, held_out_of
@@ -30,11 +31,13 @@ from tacevo.runs.deciding import Decisions, Parts
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.runs.seeds import training_seed
 from tacevo.sandbox.client import Died, Finished, RunJob, Score
+from tacevo.sandbox.devices import DEVICES
 from tacevo.storage.array_store import KIND, ArrayStore
 from tacevo.storage.store import Store, Stores
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Setting
 from tacevo.training.full import FullEvaluator
+from tacevo.training.memory import predicted_mib
 from tacevo.training.numerics import environment
 from tacevo.training.weights import Weighed, train_and_weigh
 from tacevo.typed import convert
@@ -74,7 +77,7 @@ def build_plan(
         repairs=config.proposals.repair_attempts,
         skipped=config.proposals.skipped,
         budget=_budget(config, facts),
-        fitness=config.training.fitness,
+        fitness=parts.fitness(),
     )
 
 
@@ -324,9 +327,20 @@ class Workbench:
                 started=self.started,
                 notice=self.notice,
                 say=self.say,
+                predict=self._predicted,
             )
             self.run = self._stack.enter_context(opened)
         return self.run
+
+    def _predicted(self, header: Mapping[str, Any]) -> int | None:
+        """Predict the memory that a training takes of a GPU, in MiB, where the probe of its network is recorded."""
+        gate = replace(self.gate(CURRENT), run=_refuse_to_run, store=self._store("probes", Mode.replay))
+        with contextlib.suppress(CacheMissError):
+            probed = gate.measure(header["source"])
+            if isinstance(probed, Admitted):
+                images, recipe = header["train"] + header["validation"], Recipe.from_json(header["recipe"])
+                return predicted_mib(probed.profile, self.task.contract, recipe, images)
+        return None
 
     def _store(self, kind: str, mode: Mode) -> Store:
         return (self.stores or stores_of(self.config)).of(kind, mode)
@@ -348,9 +362,10 @@ def _order(config: RunConfig) -> Order:
     """Return what a sandbox must do, here or on a node."""
     device = config.training.device
     return Order(
-        entries=ENTRIES,
+        entries=ENTRIES if device is Device.cpu else {**ENTRIES, **evaluation.ENTRIES_OF_GPUS},
         equip=None if device is Device.cpu else evaluation.EQUIP,
         environment=environment(config.numerics.kind, device),
+        doors=() if device is Device.cpu or config.sandbox.require is not Confinement.kernel else DEVICES,
         numerics=config.numerics.kind,
         device=device,
         gpu=config.training.gpu,

@@ -13,7 +13,8 @@ from typing import Any, NoReturn
 
 from tacevo.choices import Confinement
 from tacevo.records import Json, Limits
-from tacevo.sandbox.confinement import confine
+from tacevo.sandbox.confinement import confine, shut_out
+from tacevo.sandbox.devices import present
 from tacevo.sandbox.kernel import end_with, keep_priority
 from tacevo.sandbox.processes import close_all_but
 from tacevo.sandbox.protocol import Header, Message, Sort, describe
@@ -50,9 +51,10 @@ def run(
 
     Args:
         entry: the code to run.
-        job: `header` for the entry, `limits` as JSON, the level of confinement as `strongest`, and `prepared`: whether
-            the zygote has imported all that a job may need. If not, the first import of another module is reported as
-            `unprepared` and ends the process, so that no answer depends on it.
+        job: `header` for the entry, `limits` as JSON, the level of confinement as `strongest`, `doors`, the patterns of
+            device files that a driver may open behind the walls, and `prepared`: whether the zygote has imported all
+            that a job may need. If not, the first import of another module is reported as `unprepared` and ends the
+            process, so that no answer depends on it.
         payload: bytes for the entry.
         arrays: as the zygote mapped them.
         pipe: file descriptor for answers; the only one that stays open besides the standard streams, which are
@@ -90,13 +92,16 @@ def run(
         keep_priority()
         os.chdir("/")
         close_all_but(pipe)
+        doors = present(job["doors"])  # now, since nobody may list a directory any more afterwards
+        if doors:
+            shut_out(doors)
         if equip is not None:
             arrays = equip(job["header"], payload, arrays)
         # No file can be read; without finders of files an import fails at once, and alike everywhere.
         sys.meta_path[:] = [BuiltinImporter, FrozenImporter]
         if not job["prepared"]:
             sys.meta_path.append(SimpleNamespace(find_spec=lack))
-        say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))
+        say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"]), doors))
         _kept = entry(job["header"], payload, arrays, send)
         say(Sort.done, None)
         os.kill(os.getpid(), signal.SIGSTOP)  # the supervisor takes a last look at the memory, then ends it

@@ -130,6 +130,8 @@ class Sandbox:
         environment: the whole environment of the candidates, except for a fixed `PYTHONHASHSEED`.
         arrays: name to an `.npy` file, mapped read-only for the entries.
         strongest: measures above this level are left out, so that tests run as on a weaker machine.
+        doors: by the name of an entry, patterns of device files that its jobs may open behind all walls, for the
+            driver that `equip` starts; jobs of others may open none.
         notice: called for every candidate before its answer is returned, by the thread that waits for it.
         zygote: one that was started with these entries, this environment and `equip`; the sandbox ends it.
         equip: `module:function` of what gets a device ready for each job; see `tacevo.sandbox.child.Equip`.
@@ -143,6 +145,7 @@ class Sandbox:
         environment: Mapping[str, str],
         arrays: Mapping[str, Path],
         strongest: Confinement = Confinement.kernel,
+        doors: Mapping[str, Sequence[str]] | None = None,
         notice: Notice | None = None,
         zygote: Zygote | None = None,
         equip: str | None = None,
@@ -151,7 +154,7 @@ class Sandbox:
         check_confinement(Confinement.process)
         protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
         self._entries, self._environment, self._arrays = entries, environment, arrays
-        self._strongest, self._equip = strongest, equip
+        self._strongest, self._doors, self._equip = strongest, doors or {}, equip
         self._notice, self._answer_bytes = notice, answer_bytes
         self._lock = threading.Lock()
         #: By whether it is the one with all imports.
@@ -180,7 +183,8 @@ class Sandbox:
         if entry not in self._entries:
             raise KeyError(f"expected one of the entries {sorted(self._entries)}; got {entry!r}")
         order: dict[str, Json] = {"entry": entry, "header": header, "limits": to_json(limits)}
-        order |= {"strongest": self._strongest, "answer_bytes": self._answer_bytes, "scored": score is not None}
+        order |= {"strongest": self._strongest, "doors": list(self._doors.get(entry, ()))}
+        order |= {"answer_bytes": self._answer_bytes, "scored": score is not None}
         try:
             return self._run(order, payload, limits, score, prepared=False)
         except _UnpreparedError:

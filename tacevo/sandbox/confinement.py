@@ -4,15 +4,18 @@ There are two levels. The measures of `process` need no special kernel: limits o
 capabilities, a supervisor. Those of `kernel` are walls that the process cannot remove again: Landlock and a seccomp
 filter. They are used wherever the kernel has them, even if a run does not demand them. docs/security.md says what
 follows from each measure, and what does not.
+
+With a GPU the walls have doors for its driver, and stand only where a run demands them: they have not been seen to hold
+a driver that works.
 """
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
-from tacevo.sandbox import landlock, seccomp
+from tacevo.sandbox import devices, landlock, seccomp
 from tacevo.sandbox.kernel import can_fix_addresses, drop_capabilities, protect_memory, renounce_privileges
 from tacevo.sandbox.processes import address_space_mib
 
@@ -27,6 +30,17 @@ _SLACK_MIB = 1024
 _CPU_SLACK = 10
 #: The measures that make the level `kernel`.
 _WALLS = frozenset({"landlock", "seccomp"})
+#: The name of what leaves a driver its doors, beside those of the walls.
+_DOORS = "gpu"
+#: What the measures do where these doors are.
+_WITH_DOORS = {
+    "rlimits": "CPU time; nothing written, no core dumped",
+    "landlock": "no access to files but the GPU's device files, nor to the network; threads that the driver started "
+    "before may read libraries, /proc and /sys",
+    "seccomp": "a short list of system calls is left, with those of the GPU's driver; no process can be started, but "
+    "threads can; no other is signalled",
+    _DOORS: "device files of the GPU can be opened, and commands of its driver given: the driver is trusted",
+}
 
 #: What a machine lacks for any stronger level.
 _MISSING = {
@@ -97,18 +111,35 @@ def in_force(measures: Collection[str]) -> dict[str, str]:
     Return the lines of `report`, with the level that the candidate was confined at; measures that this machine has and
     the run left out are named as such.
     """
-    lines = report()
+    lines = report() | (_WITH_DOORS if _DOORS in measures else {})
     absent = [name for name in (*_WALLS, "rlimits") if name not in measures and not lines[name].startswith("missing")]
     left_out = dict.fromkeys(absent, "not in force: left out, as training.device=cuda needs")
     level = Confinement.kernel if _WALLS.issubset(measures) else Confinement.process
     return lines | left_out | {"level": level.value if "rlimits" in measures else Confinement.none.value}
 
 
-def confine(limits: Limits, strongest: Confinement) -> tuple[str, ...]:
+def shut_out(doors: Sequence[str]) -> None:
+    """Leave a process, before the driver of its GPU starts, only what that reads, and its device files.
+
+    Landlock and capabilities are a thread's: those that the driver starts have what this one has by then, so this comes
+    first. Nothing of a candidate has run.
+
+    Args:
+        doors: paths of device files.
+
+    Raises:
+        OSError: the kernel refused it, or has no Landlock.
+    """
+    renounce_privileges()
+    landlock.restrict(readable=devices.readable(), devices=doors)
+    drop_capabilities()
+
+
+def confine(limits: Limits, strongest: Confinement, doors: Sequence[str] = ()) -> tuple[str, ...]:
     """Drop, for good, what a candidate does not need; called in the child before its source runs.
 
-    The measures of the level `strongest` are taken, as far as this machine has them. Return the names of those in
-    force, as in `report`.
+    The measures of the level `strongest` are taken, as far as this machine has them. With `doors`, paths of device
+    files, a driver is left what it needs, after `shut_out`. Return the names of those in force, as in `report`.
 
     Raises:
         OSError: the kernel refused a measure that it has.
@@ -117,28 +148,34 @@ def confine(limits: Limits, strongest: Confinement) -> tuple[str, ...]:
     inherited_mib = address_space_mib()  # read from a file, hence first
     renounce_privileges()
     if strongest is Confinement.kernel and landlock.version():
-        landlock.restrict()
+        landlock.restrict(devices=doors)
         names.append("landlock")
     if strongest is not Confinement.none:  # the driver of a GPU opens files and reserves many addresses
-        _limit_resources(limits, inherited_mib)
+        _limit_resources(limits, inherited_mib, with_driver=bool(doors))
         names.append("rlimits")
     protect_memory()
     drop_capabilities()
     if strongest is Confinement.kernel and seccomp.is_available():
-        seccomp.restrict()  # last, because the other measures need calls that it refuses
+        seccomp.restrict(with_gpu=bool(doors))  # last, because the other measures need calls that it refuses
         names.append("seccomp")
-    return tuple(names)
+    return (*names, *([_DOORS] if doors else []))
 
 
-def _limit_resources(limits: Limits, inherited_mib: float) -> None:
-    """Set the limits that the kernel enforces by process; as hard limits, which cannot be raised again."""
+def _limit_resources(limits: Limits, inherited_mib: float, *, with_driver: bool) -> None:
+    """Set the limits that the kernel enforces by process; as hard limits, which cannot be raised again.
+
+    The driver of a GPU opens its device files again and again, and reserves more addresses than any memory has.
+    """
     space = int((inherited_mib + limits.memory_mib + _SLACK_MIB) * 2**20)
     seconds = int(limits.seconds) + _CPU_SLACK
-    for kind, value in (
+    without_driver = (
         (resource.RLIMIT_AS, space),
+        (resource.RLIMIT_NOFILE, 0),  # what is open stays open; no file, socket or pipe can be added
+    )
+    for kind, value in (
         (resource.RLIMIT_CPU, seconds),
         (resource.RLIMIT_CORE, 0),
         (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_NOFILE, 0),  # what is open stays open; no file, socket or pipe can be added
+        *(() if with_driver else without_driver),
     ):
         resource.setrlimit(kind, (value, value))

@@ -24,7 +24,6 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 
-from tacevo.choices import FitnessRule
 from tacevo.costs import Spending
 from tacevo.environment import Code
 from tacevo.errors import RunError
@@ -97,13 +96,6 @@ class RunRecord(Record):
     elsewhere: bool = False
 
     LATER: ClassVar[frozenset[str]] = frozenset({"trivial", "elsewhere"})
-
-    @property
-    def fitness_rule(self) -> FitnessRule:
-        """What a fitness is of the losses of a training; the paper's where the configuration does not say it."""
-        training = self.config.get("training")
-        known = training if isinstance(training, Mapping) else {}
-        return FitnessRule(str(known.get("fitness", FitnessRule.last)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

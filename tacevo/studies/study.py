@@ -13,14 +13,18 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import ChosenBy, FitnessRule
+from tacevo.choices import ChosenBy
 from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.config.sources import is_of_data
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import units_of
 from tacevo.environment import doubting, machine, versions
-from tacevo.errors import DivergenceError, RunError, telling
+from tacevo.errors import ConfigError, DivergenceError, RunError, telling
+from tacevo.evolution.fitness import Lowest
+from tacevo.parts import Fitness
+from tacevo.parts.kinds import FITNESS
+from tacevo.parts.registry import of_settings
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
 from tacevo.results.grouped import FEWEST, check_groups, images_tested
@@ -180,6 +184,9 @@ def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLate
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     run = _read(config.run, config.store.root)
+    if (fitness := run.config.training.fitness) not in FITNESS.ours:
+        expected = f"a run by {', '.join(FITNESS.ours)}: its fitness is that of a part that its user brought"
+        raise ConfigError(fitness, place="training.fitness", expected=expected)
     elites = None if isinstance(config.elites, str) else config.elites
     plan = _plan(
         run,
@@ -486,11 +493,14 @@ def _train(
 def _rows(plan: _Plan, evaluator: Evaluator | FullEvaluator, verdicts: Sequence[_Verdict]) -> list[Row]:
     """Return the lines of the scores, one for each job."""
     pairs = zip(plan.jobs, verdicts, strict=True)
-    rule = plan.config.training.fitness
+    training = plan.config.training
+    rule: Fitness | None = None
+    if training.fitness in FITNESS.ours:
+        rule = of_settings(FITNESS, training.fitness, training)
     return [_row(job, evaluator.key(job.source, job.seed), verdict, rule) for job, verdict in pairs]
 
 
-def _row(job: _Job, evaluation: str, verdict: _Verdict, rule: FitnessRule) -> Row:
+def _row(job: _Job, evaluation: str, verdict: _Verdict, rule: Fitness | None) -> Row:
     if isinstance(verdict, Rejection):
         return FailedLine(
             network=job.network.name,
@@ -501,8 +511,9 @@ def _row(job: _Job, evaluation: str, verdict: _Verdict, rule: FitnessRule) -> Ro
             reason=verdict.reason,
         )
     if isinstance(verdict, Training):
+        assert rule is not None  # as `estimate_noise` demands
         losses = verdict.validation_losses
-        epoch = losses.index(min(losses)) + 1 if rule is FitnessRule.lowest else len(losses)
+        epoch = losses.index(min(losses)) + 1 if isinstance(rule, Lowest) else len(losses)
         loss, verdict = rule.of(losses), FullTraining(training=verdict, epoch=epoch, metrics={}, confusion=None)
     else:
         loss = verdict.validation_loss

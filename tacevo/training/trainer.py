@@ -158,7 +158,8 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
             of operations without a deterministic form under `not_deterministic`, where any ran, and with `captured`,
             whether steps were recorded and replayed, where `arrays` have `capture`; or
             `{"rejection": {"reason", "detail"}}`. The weights of `sent_epoch` come last, as
-            `tacevo.sandbox.candidate.send_weights` sends them.
+            `tacevo.sandbox.candidate.send_weights` sends them. Where `arrays` have `refused`, a training that ended
+            well sends after all `{"refused"}`: how often it was refused memory of the GPU.
     """
     job, kept = _read(header, payload, arrays), None
     is_on_cpu = job.device.type == "cpu"
@@ -167,7 +168,10 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
         with portable_functions() if has_own else nullcontext():
             if is_on_cpu and not header.get("contiguous", False):
                 job, kept = _in_fast_layout(job)
-            return kept, _train(job, send)
+            trained = _train(job, send)
+        if "refused" in arrays:
+            send({"refused": arrays["refused"]()}, b"")
+        return kept, trained
     except CandidateError as failure:
         send({"rejection": {"reason": failure.reason.value, "detail": str(failure)}}, b"")
         return failure  # its traceback keeps the candidate's objects alive, so that their finalisers do not run

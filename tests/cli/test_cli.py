@@ -329,6 +329,7 @@ def test_directory_that_is_write_protected_is_refused(tmp_path: Path, monkeypatc
         (["continue", "run", "search.generations=9"], "`tacevo extend RUN search.generations=N`"),
         (["rm", "run"], "`rm -r RUN`"),
         (["cache", "ls"], "`tacevo cache verify`"),
+        (["cache", "explain", "KEY"], "`cat cache/KIND/KE/KEY.json`"),
     ],
 )
 def test_command_of_the_last_release_names_what_took_its_place(

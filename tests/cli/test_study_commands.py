@@ -38,12 +38,11 @@ def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) 
     shipped = {
         **asdict(config),
         "executor.workers": config.executor.workers,
-        "executor.per_gpu": config.executor.per_gpu,
         "margins.regression.value": margins.regression.value,
         "margins.classification.value": margins.classification.value,
     }
     assert told.keys() == {
-        *("elites", "seeds", "epochs", "seconds", "memory_mib", "executor.workers", "executor.per_gpu"),
+        *("elites", "seeds", "epochs", "seconds", "memory_mib", "executor.workers"),
         *("alpha", "margins.regression.value", "margins.classification.value"),
     }
     assert (margins.regression.kind, margins.classification.kind) == (MarginKind.relative, MarginKind.absolute)

@@ -167,6 +167,12 @@ def test_arm_of_a_setting_that_is_none_is_refused(settings: dict[str, Any]) -> N
         check_change("mine", settings, {"seed": 0, "prompts": {"policy": "uniform"}})
 
 
+def test_arm_of_a_removed_setting_names_it() -> None:
+    """One's own arm of an earlier release: what it set is said to be gone, and what to use."""
+    with refused(ConfigError, place="training.seeds", got="training.seeds=3", remedy="tacevo noise"):
+        check_change("mine", {"training": {"seeds": 3}}, {"training": {"epochs": 10}})
+
+
 @pytest.mark.slow
 def test_arms_are_pairwise_different_runs() -> None:
     """No two arms share a ledger's first line."""

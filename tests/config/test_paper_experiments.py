@@ -1,6 +1,7 @@
 """Promise: the paper's experiments are what is written here, under all later defaults; their model is chosen."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,32 @@ def test_later_defaults_change_no_paper_experiment(task: str, images: int, tmp_p
         composed = hydra_compose("config", overrides=[f"experiment=paper_{task}", "llm=anthropic"])
     config = from_plain(OmegaConf.to_container(composed, resolve=True))  # type: ignore[arg-type]
     assert chosen(config) == written(task, images, PAPER["llm"])
+
+
+GPU = ["training.device=cuda", "training.gpu=NVIDIA H200", "numerics=fast", "sandbox.require=none"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "precision"),
+    [
+        (["experiment=paper_force", *GPU], "tf32"),
+        (["experiment=paper_grating", *GPU], "tf32"),
+        (["experiment=paper_force", *GPU, "training.precision=float32"], "float32"),
+        (["experiment=paper_force", *GPU, "training.precision=bf16"], "bf16"),
+        (["experiment=demo", *GPU], "float32"),
+        (["experiment=paper_force"], "float32"),
+    ],
+)
+def test_paper_experiments_use_tf32_on_a_gpu(
+    overrides: list[str], precision: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Only there, and where nothing else is said; what is used is shown, recorded and read again as it is."""
+    config = compose([*overrides, "llm=grammar"])
+    assert config.training.precision == precision
+    assert from_plain(to_json(config)) == config
+    assert identity(config) == identity(replace(config, executor=replace(config.executor, per_gpu=5)))
+    main(["search", *overrides, "llm=grammar", "--cfg", "job"])
+    assert f"\n  precision: {precision}\n" in capsys.readouterr().out
 
 
 def test_study_of_a_paper_experiment_is_what_is_written_here() -> None:

@@ -121,11 +121,17 @@ def test_candidates_name_what_there_is(lines: list[CandidateLine]) -> None:
         check_references(Path("run"), run_record(), lines)
 
 
-def test_line_of_an_elite_that_was_trained_again_is_refused_by_name(directory: RunDirectory) -> None:
-    """A ledger of an earlier release names what wrote it, and what does so now."""
-    again = {"kind": "reevaluation", "generation": 1, "slot": 2, "id": "g00s00", "previous": "0", "hash": "0"}
+@pytest.mark.parametrize(
+    ("line", "setting"),
+    [({"kind": "reevaluation"}, "archive.kind=extract"), ({"kind": "candidate", "seeds": [{}]}, "training.seeds")],
+)
+def test_line_of_a_removed_setting_is_refused_by_its_name(
+    line: dict[str, Any], setting: str, directory: RunDirectory
+) -> None:
+    """In a ledger of an earlier release, with what does so now."""
+    again = {**line, "generation": 1, "slot": 2, "id": "g00s00", "previous": "0", "hash": "0"}
     directory.ledger.write_text(f"{directory.ledger.read_text()}{json.dumps(again)}\n")
-    with refused(RunError, place="ledger.jsonl, line", got="archive.kind=extract", remedy="tacevo noise"):
+    with refused(RunError, place="ledger.jsonl, line", got=setting, remedy="tacevo noise"):
         read_ledger(directory)
 
 

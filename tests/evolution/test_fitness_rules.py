@@ -12,9 +12,10 @@ import pytest
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
 
 from analysis.report.collection import collect
-from tacevo.choices import FitnessRule
 from tacevo.cli.app import main
+from tacevo.evolution.fitness import Last, Lowest, MeanOf3
 from tacevo.evolution.lines import CandidateLine
+from tacevo.parts import Fitness
 from tacevo.records import Rejection, Training
 from tacevo.results.run import read_run
 from tacevo.results.study_directory import studies_of
@@ -29,14 +30,14 @@ LOSSES = (0.5, 0.25, 1.0, 0.375, 0.3125)
 @pytest.mark.parametrize(
     ("rule", "losses", "fitness"),
     [
-        (FitnessRule.last, LOSSES, 0.3125),
-        (FitnessRule.lowest, LOSSES, 0.25),
-        (FitnessRule.mean_of_3, LOSSES, 0.5625),
-        (FitnessRule.mean_of_3, (0.5, 0.25), 0.375),
-        *((rule, (0.5,), 0.5) for rule in FitnessRule),
+        (Last(), LOSSES, 0.3125),
+        (Lowest(), LOSSES, 0.25),
+        (MeanOf3(), LOSSES, 0.5625),
+        (MeanOf3(), (0.5, 0.25), 0.375),
+        *((rule, (0.5,), 0.5) for rule in (Last(), Lowest(), MeanOf3())),
     ],
 )
-def test_fitness_of_a_training(rule: FitnessRule, losses: tuple[float, ...], fitness: float) -> None:
+def test_fitness_of_a_training(rule: Fitness, losses: tuple[float, ...], fitness: float) -> None:
     """Of the last, the lowest, or the last three losses; of those that there are, where they are fewer."""
     assert rule.of(losses) == fitness
 
@@ -51,15 +52,15 @@ def jumping(source: str) -> Training | Rejection:
 
 
 #: By other code than the rules'.
-BY_HAND: dict[FitnessRule, Callable[[Sequence[float]], float]] = {
-    FitnessRule.last: lambda losses: float(np.take(losses, -1)),
-    FitnessRule.lowest: lambda losses: sorted(losses)[0],
-    FitnessRule.mean_of_3: lambda losses: rounded(fmean(losses[2:])),
+BY_HAND: dict[Fitness, Callable[[Sequence[float]], float]] = {
+    Last(): lambda losses: float(np.take(losses, -1)),
+    Lowest(): lambda losses: sorted(losses)[0],
+    MeanOf3(): lambda losses: rounded(fmean(losses[2:])),
 }
 
 
-@pytest.mark.parametrize("rule", FitnessRule)
-def test_every_fitness_of_a_search_follows_the_rule(rule: FitnessRule) -> None:
+@pytest.mark.parametrize("rule", BY_HAND)
+def test_every_fitness_of_a_search_follows_the_rule(rule: Fitness) -> None:
     """That of candidates, of the archive, and of its best."""
     plan = replace(fakes.plan(generations=6), fitness=rule)
     _, recorder = fakes.search(plan, evaluate=jumping)
@@ -75,8 +76,8 @@ def test_every_fitness_of_a_search_follows_the_rule(rule: FitnessRule) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rule", [FitnessRule.lowest, FitnessRule.mean_of_3])
-def test_a_run_by_another_rule(rule: FitnessRule, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("name", "rule"), [("lowest", Lowest()), ("mean_of_3", MeanOf3())])
+def test_a_run_by_another_rule(name: str, rule: Fitness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Search, noise run, study, replay and API take one fitness; trainings are shared with the paper's rule."""
     monkeypatch.chdir(tmp_path)
     sizes = [
@@ -87,13 +88,13 @@ def test_a_run_by_another_rule(rule: FitnessRule, tmp_path: Path, monkeypatch: p
         "training.learning_rate=0.1",
         "store.root=cache",
     ]
-    assert main(["search", *sizes, "run.dir=other", f"training.fitness={rule}"]) == 0
+    assert main(["search", *sizes, "run.dir=other", f"training.fitness={name}"]) == 0
     assert main(["search", *sizes, "run.dir=paper", "training.fitness=last"]) == 0
     assert main(["noise", "other", "elites=1", "seeds=2"]) == 0
     assert main(["study", "run=other", "elites=1", "seeds=4", "epochs=5"]) == 0
     assert main(["replay", "other"]) == 0
     run, paper = read_run(Path("other")), read_run(Path("paper"))
-    assert (run.config.training.fitness, paper.config.training.fitness) == (rule, FitnessRule.last)
+    assert (run.config.training.fitness, paper.config.training.fitness) == (name, "last")
     assert run.baseline.evaluation == paper.baseline.evaluation
     for line in run.trained:
         assert line.validation_losses is not None
@@ -110,6 +111,6 @@ def test_a_run_by_another_rule(rule: FitnessRule, tmp_path: Path, monkeypatch: p
         assert isinstance(training, Training)
         assert row.validation_loss == rule.of(training.validation_losses)
     of_study, of_noise = collect(run.path, Path("cache")).reestimates
-    assert (of_study.rule, of_noise.rule) == (rule, rule)
+    assert (of_study.rule, of_noise.rule) == (name, name)
     assert of_study.rankings is not None
     assert of_study.noise.recorded.tolist() == [run.fitness[one.id] for one in of_study.networks]

@@ -12,7 +12,7 @@ from commands import tacevo
 from gpus import needs_gpu
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.choices import Precision
+from tacevo.choices import Confinement, Precision
 from tacevo.records import Reason
 from tacevo.results.run import read_run
 
@@ -29,15 +29,27 @@ def search(directory: Path, *overrides: str, status: int = 0) -> str:
 @needs_gpu
 @pytest.mark.parametrize("precision", Precision)
 def test_workers_change_no_byte_and_trainings_repeat(tmp_path: Path, precision: Precision) -> None:
-    """One after the other, and three at once."""
+    """One after the other with all the memory, and three at once with what is predicted."""
     setting = f"training.precision={precision}"
     search(tmp_path / "one", setting, "executor.workers=1", "executor.per_gpu=3")
-    search(tmp_path / "three", setting, "executor.workers=3", "executor.per_gpu=3")
+    search(tmp_path / "three", setting, "executor.workers=3", "executor.per_gpu=null")
     one, three = (read_run(tmp_path / each / "run") for each in ("one", "three"))
     assert three.digest == one.digest
     assert not any(line.not_deterministic for line in one.trained)
     assert any(line.captured for line in one.trained)
     tacevo("replay", tmp_path / "one" / "run", "--retrain")
+
+
+@needs_gpu
+def test_walls_hold_a_driver_that_works_and_change_no_byte(tmp_path: Path) -> None:
+    """Trainings behind them are recorded as without, and the record says what held; the probe has those of a CPU."""
+    search(tmp_path / "plain")
+    search(tmp_path / "walled", "sandbox.require=kernel")
+    plain, walled = (read_run(tmp_path / each / "run") for each in ("plain", "walled"))
+    assert walled.digest == plain.digest
+    held = json.loads((tmp_path / "walled" / "run" / "run.json").read_text())["confinement"]
+    assert {measures["level"] for measures in held} == {Confinement.kernel}
+    assert any("gpu" in measures for measures in held)
 
 
 @needs_gpu

@@ -20,15 +20,18 @@ from tacevo.data.sources.tacverse import TacVerse
 from tacevo.environment import gpus
 from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.llm.recording import RecordingLLM
+from tacevo.profile import Admitted
 from tacevo.records import Completion, Mode, Reason, Request, to_json, written
 from tacevo.rules import CURRENT, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, source_of
 from tacevo.runs.pace import noise
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature, provider_settings
-from tacevo.runs.wiring import Workbench
+from tacevo.runs.wiring import Workbench, recipe_of
 from tacevo.sandbox.client import Died
+from tacevo.sandbox.confinement import available, report
 from tacevo.storage.store import Store
+from tacevo.training.memory import predicted_mib
 
 
 def load(tmp_path: Path, *overrides: str) -> Dataset:
@@ -140,6 +143,32 @@ def bench(tmp_path: Path, *overrides: str, mode: Mode = Mode.record, **parts: An
     config = compose([f"store.root={tmp_path}/store", "archive.samples=100", *overrides])
     facts = facts_without_data(config)
     return Workbench(config, load_task(config, facts), facts, mode, **parts)
+
+
+@pytest.mark.slow
+def test_memory_is_predicted_from_the_probe_that_is_recorded(tmp_path: Path) -> None:
+    """Of a network without one nothing is predicted, and none is made for it."""
+    with bench(tmp_path, *ON_A_GPU) as opened:
+        recipe = written(recipe_of(opened.config))
+        header = {"source": opened.task.baseline, "recipe": recipe, "train": 100, "validation": 10}
+        opened.gate(CURRENT)
+        assert opened._predicted(header) is None
+        probed = opened.gate(CURRENT).inspect(opened.task.baseline)
+        assert isinstance(probed, Admitted)
+        expected = predicted_mib(probed.profile, opened.task.contract, recipe_of(opened.config), 110)
+        assert opened._predicted(header) == expected
+        assert expected is not None
+        assert opened._predicted({**header, "source": "class Net: pass"}) is None
+
+
+@pytest.mark.slow
+def test_probe_beside_a_walled_gpu_has_the_walls_of_a_cpu(tmp_path: Path) -> None:
+    """No door is open to what does not compute there."""
+    told: list[Mapping[str, str]] = []
+    walled = [*ON_A_GPU[:2], "sandbox.require=kernel", "numerics=fast"]
+    with bench(tmp_path, *walled, notice=told.append) as opened:
+        opened.gate(CURRENT).inspect(opened.task.baseline)
+    assert told == [{**report(), "level": available()}]
 
 
 @pytest.mark.slow

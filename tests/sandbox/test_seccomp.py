@@ -7,11 +7,13 @@ too; test_walls.py has the kernel run the one for this machine.
 import errno
 import platform
 import struct
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tacevo.sandbox.devices import FRONTEND_COMMANDS, UVM_COMMANDS
 from tacevo.sandbox.seccomp import MACHINES, Machine, is_available, program
 
 PID = 4321
@@ -40,6 +42,10 @@ def verdict(text: bytes, *, architecture: int, number: int, arguments: tuple[int
                 (accumulator,) = struct.unpack_from("<I", data, operand)
             case 0x15:
                 position += if_true if accumulator == operand else if_false
+            case 0x45:
+                position += if_true if accumulator & operand else if_false
+            case 0x54:
+                accumulator &= operand
             case 0x06:
                 return int(operand)
             case _:
@@ -85,6 +91,70 @@ def test_dangerous_calls_are_refused(name: str) -> None:
     text = program(machine, PID)
     for number in DANGEROUS[name]:
         assert verdict(text, architecture=machine.architecture, number=number) == REFUSE
+
+
+#: Calls that a driver's library may make, whose arguments the filter looks at: x86-64, aarch64.
+IOCTL, CLONE, CLONE3, PRCTL = (16, 29), (56, 220), (435, 435), (157, 167)
+#: No file, program, process, socket, ring, trace, shared memory, limit or namespace, but opening and threads.
+STILL_DANGEROUS = {
+    name: tuple(set(numbers) - {opening, CLONE[column], CLONE3[column]} - ({2} if name == "x86_64" else set()))
+    for column, ((name, numbers), opening) in enumerate(zip(DANGEROUS.items(), (257, 56), strict=True))
+}
+
+
+def with_gpu(name: str, number: int, *arguments: int) -> int:
+    """Run the filter of a candidate on a GPU."""
+    text = program(MACHINES[name], PID, with_gpu=True)
+    given = (*arguments, *(0,) * (6 - len(arguments)))
+    return verdict(text, architecture=MACHINES[name].architecture, number=number, arguments=given)
+
+
+@pytest.mark.parametrize("column", range(2))
+@given(
+    command=st.integers(0, 2**32 - 1) | st.integers(0, 100) | st.sampled_from([ord("F") << 8 | n for n in range(256)])
+)
+def test_driver_gets_its_commands_and_no_others(column: int, command: int) -> None:
+    """Its own numbers with any size; no terminal's, no network's, and none that reads another's memory."""
+    name = [*MACHINES][column]
+    size = 0xC0300000  # read and written, 48 bytes
+    known = command in UVM_COMMANDS or command & 0xFFFF in FRONTEND_COMMANDS
+    assert with_gpu(name, IOCTL[column], 9, command) == (ALLOW if known else REFUSE)
+    for own in (*UVM_COMMANDS, *FRONTEND_COMMANDS, *(size | number for number in FRONTEND_COMMANDS)):
+        assert with_gpu(name, IOCTL[column], 9, own) == ALLOW
+    for foreign in (0x5412, 0x8933, 0x5421, 62, 63, 56):  # TIOCSTI, SIOCGIFINDEX, FIONBIO, and tools of UVM
+        assert with_gpu(name, IOCTL[column], 9, foreign) == REFUSE
+
+
+@pytest.mark.parametrize("column", range(2))
+def test_driver_starts_threads_and_no_processes(column: int) -> None:
+    """By the flags of the call that a filter can see; of the other one it says that it does not exist."""
+    name = [*MACHINES][column]
+    thread, process = 0x3D0F00, 0x1200011  # as glibc makes a thread, and as it forks
+    assert with_gpu(name, CLONE[column], thread) == ALLOW
+    assert with_gpu(name, CLONE[column], process) == with_gpu(name, CLONE[column], 0x10000000) == REFUSE
+    assert with_gpu(name, CLONE3[column], 0) == 0x00050000 | errno.ENOSYS
+    assert with_gpu(name, PRCTL[column], 15) == ALLOW
+    assert with_gpu(name, PRCTL[column], 4, 1) == with_gpu(name, PRCTL[column], 22, 2) == REFUSE
+
+
+@EVERY_MACHINE
+@given(number=NUMBERS | st.integers(0, 600))
+def test_with_a_gpu_every_call_that_is_not_listed_is_refused(machine: Machine, number: int) -> None:
+    """As without one, and what is dangerous stays refused by name."""
+    name = next(each for each, known in MACHINES.items() if known == machine)
+    listed = {*machine.allowed, *machine.with_gpu}
+    by_argument = {machine.ioctl, machine.clone, machine.clone3, machine.prctl}
+    if number not in by_argument:
+        assert with_gpu(name, number, 7, 7) == (ALLOW if number in listed else REFUSE)
+    for refused in STILL_DANGEROUS[name]:
+        assert with_gpu(name, refused, 7, 7) == REFUSE
+
+
+@EVERY_MACHINE
+def test_filter_of_a_cpu_is_as_it_was(machine: Machine) -> None:
+    """What a driver needs is in no filter of a candidate without a GPU."""
+    text = program(machine, PID)
+    assert text == program(replace(machine, with_gpu=(), ioctl=0, clone=0, clone3=0, prctl=0), PID)
 
 
 def test_filters_need_a_known_processor_and_a_kernel_that_has_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,11 +13,13 @@ from refusals import refused
 
 import tacevo
 from analysis.statistics.spaces import regret
-from tacevo.choices import FitnessRule, Primary
+from tacevo.choices import Primary
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_study
 from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError
+from tacevo.evolution.fitness import Lowest
 from tacevo.evolution.lines import CandidateLine
+from tacevo.parts.kinds import FITNESS
 from tacevo.records import Json, Reason, Rejection, Stage, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import retrain
@@ -72,7 +74,7 @@ def test_fitness_is_the_beginning_of_a_recorded_training(table: SpaceTable, tmp_
         full = [table.verdicts[row, seed] for seed in range(3)]
         curves = [one.training.validation_losses[:3] for one in full if isinstance(one, FullTraining)]
         assert line.validation_losses in curves
-        assert line.fitness == FitnessRule.lowest.of(line.validation_losses)
+        assert line.fitness == Lowest().of(line.validation_losses)
         profile = table.networks[row].profile
         assert profile is not None
         assert (line.parameters, line.flops) == (profile.parameters, profile.flops)
@@ -621,7 +623,7 @@ def test_frames_hold_every_row(table: SpaceTable, tmp_path: Path) -> None:
     opened = tacevo.open_table(table.path)
     assert (len(opened.networks), len(opened.scores), len(opened.trainings)) == (9, 27, 27 * 4)
     assert opened.networks["depth"].isna().tolist() == [True] + [False] * 8
-    assert opened.worth.groupby("epochs").size().tolist() == [len(FitnessRule)] * 4
+    assert opened.worth.groupby("epochs").size().tolist() == [len(FITNESS.ours)] * 4
     run = tacevo.open(_looked_up(table, tmp_path).path)
     assert isinstance(run, tacevo.Run)
     regretted = opened.regret(run)

@@ -12,12 +12,14 @@ from gpus import needs_gpu
 from refusals import refused
 from training_jobs import RECIPE, examples, header_of, payload_of, trained
 
-from tacevo.choices import Layout, Precision
+from tacevo.choices import Confinement, Device, Layout, Numerics, Precision
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity
 from tacevo.errors import ConfigError
+from tacevo.parts.executor import Order
 from tacevo.records import Gpu, written
 from tacevo.runs.wiring import recipe_of
+from tacevo.sandbox.devices import DEVICES
 from tacevo.storage.canonical import value_at
 from tacevo.training.determinism import noting_nondeterminism
 from tacevo.training.gpu import equip
@@ -72,10 +74,29 @@ def test_gpu_notes_what_it_cannot_do_deterministically() -> None:
     assert noted == {"max_unpooling2d_forward_out", name[:100]}
 
 
+ORDER = Order(
+    entries={},
+    equip=None,
+    environment={},
+    numerics=Numerics.portable,
+    device=Device.cpu,
+    gpu=None,
+    per_gpu=1,
+    require=Confinement.process,
+)
+
+
 @pytest.mark.parametrize(
     ("overrides", "place", "expected", "got"),
     [
         ("sandbox.require=process numerics=fast training.gpu=X", "sandbox.require", "none", '"process"'),
+        (
+            "sandbox.require=kernel numerics=fast training.gpu=X executor=ray executor.per_gpu=1",
+            "sandbox.require",
+            "none",
+            '"kernel"',
+        ),
+        ("executor=ray executor.per_gpu=null sandbox.require=none", "executor.per_gpu", "a number", "null"),
         ("sandbox.require=none numerics=portable training.gpu=X", "numerics.kind", "fast", '"portable"'),
         ("sandbox.require=none numerics=fast", "training.gpu", "the GPU's model", "null"),
     ],
@@ -84,6 +105,19 @@ def test_cuda_promises_no_more_than_it_keeps(overrides: str, place: str, expecte
     """A run on a GPU says itself that its candidates are not behind walls and its bits not portable."""
     with refused(ConfigError, place=place, expected=expected, got=got):
         compose(["training.device=cuda", *overrides.split()])
+
+
+def test_walls_of_a_gpu_stand_where_they_are_demanded() -> None:
+    """With doors for its device files; without the demand there are no walls, and on a CPU no doors."""
+    order = replace(ORDER, device=Device.cuda, numerics=Numerics.fast)
+    walled, plain = (replace(order, require=level) for level in (Confinement.kernel, Confinement.none))
+    assert (walled.strongest, walled.doors) == (Confinement.kernel, DEVICES)
+    assert (plain.strongest, plain.doors) == (Confinement.none, ())
+    assert {
+        (replace(ORDER, require=level).strongest, replace(ORDER, require=level).doors) for level in Confinement
+    } == {(Confinement.kernel, ())}
+    config = compose(["training.device=cuda", "training.gpu=X", "sandbox.require=kernel", "numerics=fast"])
+    assert config.executor.per_gpu is None
 
 
 def test_device_enters_the_identity_only_where_it_is_set() -> None:

@@ -21,8 +21,10 @@ from training_jobs import RECIPE, SOURCE, examples, header_of, payload_of, train
 from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import ConfigError, SandboxError
 from tacevo.records import Gpu, Reason, Recipe, to_json, written
-from tacevo.training.gpu import CONTEXT_MIB, Resident, equip, multiply_in
+from tacevo.training.gpu import Resident, equip, look, multiply_in
+from tacevo.training.memory import CONTEXT_MIB
 from tacevo.training.numerics import check_machine, environment
+from tacevo.training.trainer import run
 from tacevo.typed import convert
 
 MIB = 2**20
@@ -50,6 +52,10 @@ class Cuda:
     def get_device_properties(self, device: int) -> SimpleNamespace:
         """Describe the GPU."""
         return SimpleNamespace(total_memory=self._total)
+
+    def memory_stats(self, device: int) -> dict[str, int]:
+        """Count what the allocator refused."""
+        return {"num_ooms": 3}
 
     def set_per_process_memory_fraction(self, fraction: float, device: int) -> None:
         """Note a limit."""
@@ -102,6 +108,59 @@ def test_training_gets_the_gpu_that_it_was_lent_and_so_much_of_its_memory() -> N
     cuda = Cuda()
     equipped(header_on(GPU), cuda)
     assert (cuda.visible, cuda.fractions) == ("5", [0.25])
+
+
+def test_training_that_was_lent_less_has_less_and_says_what_it_was_refused() -> None:
+    """Its last frame has the count of torch's allocator; with all of the recipe's memory there is no such frame."""
+    header, cuda = header_on(GPU), Cuda()
+    less = {**header, "lease": {"visible": "5", "mib": 2048}}
+    arrays = equipped(less, cuda)
+    assert cuda.fractions == [0.125]
+    frames: list[Any] = []
+    run(less, payload_of(DATA), arrays, lambda head, _: frames.append(head))
+    assert frames[-1] == {"refused": 3}
+    assert frames[:-1] == [head for head, _ in trained(header, DATA, equipped(header)["images"])]
+    assert "refused" not in equipped({**header, "lease": {"visible": "5", "mib": GPU.memory_mib}})
+
+
+def looked(capture: Any = None, *, walled: bool = False) -> Any:
+    """Look at a GPU as before a first training, on the CPU; return what is sent."""
+    recipe = written(replace(RECIPE, gpu=replace(GPU, captured=capture is not None)))
+    header = {"recipe": recipe, "device": "cuda", "walled": walled, "lease": {"visible": "5", "mib": 512}}
+    arrays = equip(header, b"", {}, cuda=Cuda(free_mib=9000), device="cpu")
+    frames: list[Any] = []
+    recording = {} if capture is None else {"capture": capture}
+    look(header, b"", {**arrays, **recording}, lambda *frame: frames.append(frame), device="cpu")
+    return frames
+
+
+def test_look_at_a_gpu_trains_and_tells_what_is_free() -> None:
+    """A step is recorded there where trainings will record theirs."""
+    taken: list[str] = []
+
+    def capture(step: Any) -> Any:
+        def replay() -> None:
+            taken.append("replayed")
+            step()
+
+        return replay
+
+    assert looked() == looked(capture) == [({"free_mib": 9000}, b"")]
+    assert taken == ["replayed"] * 2  # eight images, in batches of four
+
+
+def test_look_at_a_gpu_says_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What does not train; and behind walls, which must not decide how candidates train, no step that is recorded."""
+
+    def capture(step: Any) -> Any:
+        raise RuntimeError("CUDA error: operation not permitted")
+
+    assert looked(capture) == [({"free_mib": 9000}, b"")]
+    ((failed, _),) = looked(capture, walled=True)
+    assert "training.captured=false" in failed["failed"]
+    monkeypatch.setattr("tacevo.training.gpu._SMALL", "class Small(nn.Module): pass")
+    ((failed, _),) = looked()
+    assert Reason.construction_failed.value in failed["failed"]
 
 
 def test_job_of_a_cpu_is_left_as_it_is() -> None:
