@@ -5,7 +5,8 @@
 The networks are trained ones of a published search that Claude wrote, from the fewest FLOPs to the most, in that
 search's own setting: gratings of 48 px, 560 images, six epochs unless a number says otherwise. For each precision: the
 rank correlation (Spearman) of fitness with float32's, and the loss by float32's. A further row trains in float32 with
-another seed: what differs less than that is lost in the noise of a training. On a CPU, TF32 is float32, and bf16 is not computed by a GPU's kernels.
+another seed: what differs less than that is lost in the noise of a training. On a CPU, TF32 is float32, and bf16 is not
+computed by a GPU's kernels.
 """
 
 import itertools
