@@ -13,7 +13,7 @@ from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.config.conf_folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.parts.kinds import COMMANDS
-from tacevo.parts.registry import Part, missing, parts
+from tacevo.parts.registry import Part, missing, ours, parts
 from tacevo.text import unbroken
 
 #: By group, each command's line in the help. Its module is imported when it is given, so that this help is quick.
@@ -156,9 +156,11 @@ def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
 
 def _parser(command: str | None, second: str | None) -> Parser:
     """Describe the command line: all commands in a line each, and the given one, by its first word, in full."""
+    # A name of ours is ours, whatever is installed: nobody needs to look.
+    known = ours(COMMANDS) if command in COMMANDS.ours else parts(COMMANDS)
     parser = Parser(
         prog="tacevo",
-        description=f"{_DESCRIPTION}\n\n{_listed()}",
+        description=f"{_DESCRIPTION}\n\n{_listed(known)}",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -171,7 +173,7 @@ def _parser(command: str | None, second: str | None) -> Parser:
     commands = parser.add_subparsers(
         required=True, metavar="COMMAND", help="one of those above; each has its own --help"
     )
-    for part in parts(COMMANDS):
+    for part in known:
         line = _line(part)
         described = commands.add_parser(part.name, description=f"{line[0].upper()}{line[1:]}.")
         if part.name == command:
@@ -186,9 +188,8 @@ def _line(part: Part) -> str:
     return LINES[part.name] if part.is_ours else f"of {part.origin}"
 
 
-def _listed() -> str:
+def _listed(known: Sequence[Part]) -> str:
     """List all commands, a line each, by group: argparse has no groups of them."""
-    known = parts(COMMANDS)
     width = max(len(part.name) for part in known)
     others = {part.name: _line(part) for part in known if not part.is_ours}
     lines = []

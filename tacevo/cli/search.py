@@ -59,7 +59,9 @@ def _describe_settings() -> str:
     choices = groups()
     width = max(map(len, choices))
     defaults = [
-        (key, value if isinstance(value, str) else canonical(value)) for key, value in leaves(asdict(compose([])))
+        (key, value if isinstance(value, str) else canonical(value))
+        for key, value in leaves(asdict(compose([])))
+        if key not in {"parts", "code"}  # of parts of a user's own, which nobody has by default
     ]
     words = comments()
     return "\n".join(

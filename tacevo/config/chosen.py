@@ -32,11 +32,6 @@ def chosen(config: RunConfig, kind: Kind) -> str:
     return str(getattr(getattr(config, group), setting))
 
 
-def own_settings(config: RunConfig, name: str) -> Mapping[str, Json]:
-    """Return the settings of a part's own, which no other part has: of `FILE.py:CLASS`, under the class's name."""
-    return config.parts.get(name.rpartition(":")[2], {})
-
-
 @dataclass(frozen=True, slots=True)
 class OpenPart:
     """A part that decides nothing and that a user brought: it runs in this process."""
@@ -88,7 +83,7 @@ def part_of(config: RunConfig, kind: Kind, *, prices: Any = None) -> Any:
     given = Given(
         group=group,
         settings={field.name: getattr(settings, field.name) for field in fields(settings)},
-        own=own_settings(config, part.name),
+        own=config.own_settings(part.name),
         task=config.task.name,
         root=Path(config.store.root),
         prices=prices,

@@ -5,7 +5,6 @@ from dataclasses import replace
 from itertools import combinations
 
 from tacevo.choices import OPTIONAL_SAMPLING
-from tacevo.config.chosen import own_settings
 from tacevo.config.deciding import parts_identity
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
@@ -28,7 +27,7 @@ def identity(config: RunConfig) -> dict[str, Json]:
         "search": {"candidates": config.search.candidates, "initial": config.search.initial},
         "llm": {
             **llm_identity(config.llm),
-            **({"own": dict(own)} if (own := own_settings(config, config.llm.provider)) else {}),
+            **({"own": dict(own)} if (own := config.own_settings(config.llm.provider)) else {}),
         },
         "archive": archive,
         "temperature": written(config.temperature),

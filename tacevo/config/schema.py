@@ -436,6 +436,10 @@ class RunConfig(Record):
 
     LATER: ClassVar[frozenset[str]] = frozenset({"parts", "code"})
 
+    def own_settings(self, name: str) -> Mapping[str, FreeJson]:
+        """Return the settings of a part's own, which no other part has: of `FILE.py:CLASS`, under the class's name."""
+        return self.parts.get(name.rpartition(":")[2], {})
+
 
 def keys(schema: type = RunConfig, prefix: str = "") -> list[str]:
     """List every key of a schema, e.g. `archive.niches`."""

@@ -8,14 +8,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tacevo.environment import install
 from tacevo.errors import ConfigError
 from tacevo.parts.kinds import Kind
 from tacevo.text import nearest
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 #: A part in a file: `parts/parents.py:Lexicase`.
 _IN_FILE = re.compile(r"(?P<file>.+\.py):(?P<name>[A-Za-z_]\w*)")
@@ -72,6 +73,11 @@ def parts(kind: Kind) -> list[Part]:
     return [find(kind, name) for name in names(kind)]
 
 
+def ours(kind: Kind) -> list[Part]:
+    """Find the parts of a kind that come with tacevo."""
+    return [find(kind, name) for name in kind.ours]
+
+
 def find(kind: Kind, name: str) -> Part:
     """Find a part by its name, or by `FILE.py:CLASS`; nothing is imported.
 
@@ -115,15 +121,17 @@ def shadowed(kind: Kind) -> Sequence[Part]:
 
 
 @cache
-def _installed(kind: Kind) -> dict[str, tuple[EntryPoint, ...]]:
+def _installed(kind: Kind) -> "dict[str, tuple[EntryPoint, ...]]":
     """Return the entry points of a kind's group, by name."""
+    from importlib.metadata import entry_points  # which takes a while, and most commands name ours
+
     by_name: dict[str, tuple[EntryPoint, ...]] = {}
     for point in entry_points(group=kind.group):
         by_name[point.name] = (*by_name.get(point.name, ()), point)
     return by_name
 
 
-def _of(kind: Kind, point: EntryPoint) -> Part:
+def _of(kind: Kind, point: "EntryPoint") -> Part:
     distribution = point.dist
     origin = "an unknown package" if distribution is None else f"{distribution.name} {distribution.version}"
     return Part(kind=kind, name=point.name, module=point.module, attribute=point.attr, origin=origin)
@@ -158,6 +166,8 @@ _EXTRAS = {
 
 def missing(error: ImportError, *, place: str = "", extra: str = "") -> ConfigError:
     """Say in one line what is not installed, and how it is; `extra` installs what a part needs."""
+    from tacevo.environment import install
+
     name = error.name or ""
     library = name.partition(".")[0]
     extra = _EXTRAS.get(library, "" if library in {"tacevo", "analysis"} else extra)

@@ -11,7 +11,7 @@ import yaml
 
 from tacevo.choices import OPTIONAL_SAMPLING
 from tacevo.config.arms import GROUP, read_arm, split_arm
-from tacevo.config.chosen import own_settings, part_of
+from tacevo.config.chosen import part_of
 from tacevo.config.conf_folder import config_file, read_named
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.config.strict_yaml import read_yaml
@@ -133,7 +133,7 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
     settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
     llm = config.llm
-    chosen = (llm.name, llm.max_tokens, provider_settings(llm, own_settings(config, llm.provider)))
+    chosen = (llm.name, llm.max_tokens, provider_settings(llm, config.own_settings(llm.provider)))
     if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
         raise ConfigError(
             f"{llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",

@@ -11,7 +11,7 @@ from typing import Any, NoReturn, Self
 
 from tacevo.choices import BoundsRule, Confinement, Device, Numerics
 from tacevo.config.checks import check_device
-from tacevo.config.chosen import own_settings, part_of
+from tacevo.config.chosen import part_of
 from tacevo.config.schema import ArchiveConfig, NumericsConfig, RunConfig, TrainingConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import CacheMissError, SandboxError, StoreError
@@ -101,7 +101,7 @@ def build_settings(config: RunConfig, parts: Parts) -> Settings:
         jitter=config.temperature.jitter,
         model=config.llm.name,
         max_tokens=config.llm.max_tokens,
-        llm=provider_settings(config.llm, own_settings(config, config.llm.provider)),
+        llm=provider_settings(config.llm, config.own_settings(config.llm.provider)),
         system=config.llm.system,
         operator_for=config.proposals.operator_for,
         pool=config.prompts.pool,

@@ -1,11 +1,14 @@
 """docs/design.md draws the tree as it is, and what a reader starts with needs little of it."""
 
+import ast
 import re
 import tomllib
+from pathlib import Path
 
 import grimp
 import pytest
 from checkout import ROOT
+from rooms import ROOMS
 
 
 def drawn(start: str) -> list[str]:
@@ -42,6 +45,31 @@ def test_promises_cost_what_the_page_says() -> None:
     counted |= {where: lines - lines_of(where.partition(" without ")[2]) for where, lines in counted.items()}
     assert rows
     assert counted == pytest.approx({where: int(lines.replace(",", "")) for where, lines in rows}, rel=0.05)
+
+
+def statements(names: str) -> int:
+    """Count the statements of modules and packages, without docstrings; libraries among them have none here."""
+    files: set[Path] = set()
+    for name in names.split():
+        path = ROOT / name.replace(".", "/")
+        files |= set(path.rglob("*.py")) | {file for file in [path.with_suffix(".py")] if file.exists()}
+    nodes = (node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+    return sum(isinstance(node, ast.stmt) and not _is_text(node) for node in nodes)
+
+
+def _is_text(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+def test_core_and_parts_are_as_the_page_says() -> None:
+    """Each room that is hidden in the test has its row, and within 5 % (or 5) as many statements; the core the rest."""
+    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.+?) \| .+? \| .+? \| ([\d,]+) \| (yes|no|-) \|$", text, re.MULTILINE)
+    told = {room: int(count.replace(",", "")) for room, count, _ in rows}
+    hidden = {room: statements(names) for room, names in ROOMS.items()}
+    assert {room for room, _, is_hidden in rows if is_hidden == "yes"} == ROOMS.keys()
+    whole = statements("tacevo analysis") - statements(" ".join(ROOMS.values()))
+    assert {room: told[room] for room in ("core", *ROOMS)} == pytest.approx(hidden | {"core": whole}, rel=0.05, abs=5)
 
 
 @pytest.mark.parametrize(("module", "most"), [("tacevo.evolution.algorithm", 18), ("tacevo.results.sweep_jobs", 38)])

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -99,6 +99,7 @@ class Lab:
         started: None = None,
         notice: Notice | None = None,
         say: Callable[[str], None] | None = None,
+        predict: Callable[["Mapping[str, Any]"], int | None] | None = None,
     ) -> Iterator[RunJob]:
         """Open a sandbox."""
         if say is not None:
