@@ -25,10 +25,9 @@ from tacevo.training.losses import validation_loss
 
 #: The entries that a sandbox needs for `Evaluator`, besides the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
-#: What it needs besides, on a GPU.
 #: The job that comes before the first training on a GPU (`tacevo.training.gpu.look`).
 LOOK = "look"
-
+#: What it needs besides, on a GPU.
 ENTRIES_OF_GPUS = {LOOK: "tacevo.training.gpu:look"}
 EQUIP = "tacevo.training.gpu:equip"
 
