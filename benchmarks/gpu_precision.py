@@ -1,11 +1,12 @@
 """What tf32 and bf16 cost in loss: 20 published networks trained in each precision, with the same seed and data.
 
-    python -m benchmarks.gpu_precision [cpu]
+    python -m benchmarks.gpu_precision [cpu [EPOCHS]]
 
 The networks are trained ones of a published search that Claude wrote, from the fewest FLOPs to the most, in that
-search's own setting: gratings of 48 px, 560 images, six epochs. For each precision: the rank correlation (Spearman) of
-fitness with float32's, and the loss by float32's. A further row trains in float32 with another seed: what differs less
-than that is lost in the noise of a training. On a CPU, TF32 is float32, and bf16 is not computed by a GPU's kernels.
+search's own setting: gratings of 48 px, 560 images, six epochs unless a number says otherwise. For each precision: the
+rank correlation (Spearman) of fitness with float32's, and the loss by float32's. A further row trains in float32 with
+another seed: what differs less than that is lost in the noise of a training. On a CPU, TF32 is float32, and bf16 is not
+computed by a GPU's kernels.
 """
 
 import itertools
@@ -131,7 +132,7 @@ def opened_bench(device: torch.device, folder: str, *, images: int | None = None
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure on a GPU, or on a CPU where that is asked for."""
+    """Measure on a GPU, or on a CPU where that is asked for, in so many epochs."""
     device = torch.device(arguments[0] if arguments else "cuda")
     if device.type == "cuda" and not torch.cuda.is_available():
         print("no CUDA device that torch can use; nothing was measured", file=sys.stderr)
@@ -140,11 +141,10 @@ def main(arguments: Sequence[str]) -> int:
     sources = [source for _, source in itertools.islice(networks(COUNT, PUBLISHED), 1, None)]  # without the baseline
     name = torch.cuda.get_device_name(0) if device.type == "cuda" else "CPU"
     with tempfile.TemporaryDirectory() as folder:
-        bench = opened_bench(device, folder)
-        data = bench.config.data
-        print(
-            f"{name}, torch {torch.__version__}, {len(sources)} networks at {data.image_size} px, {data.images} images"
-        )
+        bench = opened_bench(device, folder, epochs=int(arguments[1]) if len(arguments) > 1 else None)
+        data, epochs = bench.config.data, bench.config.training.epochs
+        print(f"{name}, torch {torch.__version__}, {len(sources)} networks")
+        print(f"{data.image_size} px, {data.images} images, {epochs} epochs")
         print(f"\n{measured(bench, sources)}")
     return 0
 

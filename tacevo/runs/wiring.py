@@ -150,7 +150,7 @@ def started_ahead(config: RunConfig) -> AbstractContextManager[Any]:
     """
     if answering(config).run is not None:
         return contextlib.nullcontext()
-    return _executor(config).ahead(_order(config))
+    return _executor(config).ahead(order_of(config))
 
 
 def check_means(config: RunConfig) -> None:
@@ -164,7 +164,7 @@ def check_means(config: RunConfig) -> None:
     if answering(config).run is not None:
         return  # nothing runs
     check_device(config)
-    _executor(config).check(_order(config))
+    _executor(config).check(order_of(config))
 
 
 def _executor(config: RunConfig) -> Executor:
@@ -322,7 +322,7 @@ class Workbench:
             self.run = answering(self.config).run
         if self.run is None:
             opened = _executor(self.config).open(
-                _order(self.config),
+                order_of(self.config),
                 None if self.data is None else self.data.images,
                 started=self.started,
                 notice=self.notice,
@@ -358,7 +358,7 @@ class Workbench:
         )
 
 
-def _order(config: RunConfig) -> Order:
+def order_of(config: RunConfig) -> Order:
     """Return what a sandbox must do, here or on a node."""
     device = config.training.device
     return Order(

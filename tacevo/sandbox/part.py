@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-import tacevo.parts as protocols
+import tacevo.parts.deciding as protocols
 from tacevo.profile import Graph, Node, Profile, Step
 from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Send

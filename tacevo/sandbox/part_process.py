@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
-from tacevo.choices import Confinement
 from tacevo.errors import PartError
 from tacevo.parts.kinds import Kind
 from tacevo.records import Json, Limits, Record
@@ -54,10 +53,13 @@ class _Answer(Record):
 
 
 class PartProcess:
-    """Runs the methods of parts, each in fresh processes; made when it is first needed, ended by `close`."""
+    """Runs the methods of parts, each in fresh processes; made when it is first needed, ended by `close`.
 
-    def __init__(self, strongest: Confinement = Confinement.kernel) -> None:
-        self._strongest = strongest
+    `limits` are those of one decision.
+    """
+
+    def __init__(self, limits: Limits = LIMITS) -> None:
+        self._limits = limits
         self._sandbox: Sandbox | None = None
 
     def __enter__(self) -> Self:
@@ -92,7 +94,7 @@ class PartProcess:
     def _once(self, part: Recorded, method: str, given: Json, process: int) -> Json:
         if self._sandbox is None:
             entries = {"decide": "tacevo.sandbox.part:decide"}
-            self._sandbox = Sandbox(entries=entries, environment=_ENVIRONMENT, arrays={}, strongest=self._strongest)
+            self._sandbox = Sandbox(entries=entries, environment=_ENVIRONMENT, arrays={})
         header: dict[str, Json] = {
             "sources": dict(part.sources),
             "module": part.module,
@@ -103,7 +105,7 @@ class PartProcess:
             "given": given,
             "process": process,
         }
-        outcome = self._sandbox.run("decide", header, b"", LIMITS)
+        outcome = self._sandbox.run("decide", header, b"", self._limits)
         if isinstance(outcome, Died):
             got, expected = f"{outcome.reason}: {outcome.detail}", "a decision"
             raise PartError(got, place=f"{part.place}, {method}", expected=expected)

@@ -18,7 +18,7 @@ import errno
 import os
 import platform
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from tacevo.sandbox.devices import FRONTEND_COMMANDS, UVM_COMMANDS
@@ -38,6 +38,8 @@ _ALLOW_SPECULATION = 1 << 2
 _ALL_THREADS = 1 << 0
 _NEW_THREAD = 0x00010000  # CLONE_THREAD: of this process, with its memory and its walls
 _NAME_OF_THREAD = 15  # PR_SET_NAME
+#: Of fcntl(2): duplicate, read and set what exec closes, read flags. Others have the kernel send signals to processes.
+_FILE_COMMANDS = (0, 1, 2, 3, 1030)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +55,7 @@ class Machine:
     #: As in `_WITH_GPU`, and by their names there.
     with_gpu: tuple[int, ...]
     ioctl: int
+    fcntl: int
     clone: int
     clone3: int
     prctl: int
@@ -104,15 +107,12 @@ _WITH_GPU = {
     "fstat": (5, 80),
     "stat": (4, 79),
     "newfstatat": (262, 79),
-    "fcntl": (72, 25),
     "poll": (7, 73),
     "ppoll": (271, 73),
     "eventfd2": (290, 19),
-    "pipe2": (293, 59),
     "mincore": (27, 232),
     "get_mempolicy": (239, 236),
     "mbind": (237, 235),
-    "sched_setaffinity": (203, 122),
     "set_robust_list": (273, 99),
     "rseq": (334, 293),
     "uname": (63, 160),
@@ -123,7 +123,13 @@ _WITH_GPU = {
     "getegid": (108, 177),
 }
 #: Calls of the driver's library that are allowed with some arguments only.
-_BY_ARGUMENT = {"ioctl": (16, 29), "clone": (56, 220), "clone3": (435, 435), "prctl": (157, 167)}
+_BY_ARGUMENT = {
+    "ioctl": (16, 29),
+    "fcntl": (72, 25),
+    "clone": (56, 220),
+    "clone3": (435, 435),
+    "prctl": (157, 167),
+}
 
 MACHINES: Mapping[str, Machine] = {
     name: Machine(
@@ -179,19 +185,20 @@ def program(machine: Machine, pid: int, *, with_gpu: bool = False) -> bytes:
 def _driver_calls(machine: Machine) -> list[bytes]:
     """Write the part of a filter that looks at arguments of the driver's calls; the call's number is loaded."""
     allow, refuse = (_INSTRUCTION.pack(_RETURN, 0, 0, answer) for answer in (_ALLOW, _REFUSE))
-    commands = [_INSTRUCTION.pack(_LOAD_WORD, 0, 0, _SECOND_ARGUMENT)]
-    for command in UVM_COMMANDS:
-        commands += [_INSTRUCTION.pack(_JUMP_IF_EQUAL, 0, 1, command), allow]
-    commands += [_INSTRUCTION.pack(_KEEP_BITS, 0, 0, 0xFFFF)]  # above them stands a size
-    for command in FRONTEND_COMMANDS:
-        commands += [_INSTRUCTION.pack(_JUMP_IF_EQUAL, 0, 1, command), allow]
+
+    def any_of(numbers: Iterable[int]) -> list[bytes]:
+        return [part for number in numbers for part in (_INSTRUCTION.pack(_JUMP_IF_EQUAL, 0, 1, number), allow)]
+
+    second = _INSTRUCTION.pack(_LOAD_WORD, 0, 0, _SECOND_ARGUMENT)
+    without_size = _INSTRUCTION.pack(_KEEP_BITS, 0, 0, 0xFFFF)
     first = _INSTRUCTION.pack(_LOAD_WORD, 0, 0, _FIRST_ARGUMENT)
     parts = {
-        machine.ioctl: [*commands, refuse],
+        machine.ioctl: [second, *any_of(UVM_COMMANDS), without_size, *any_of(FRONTEND_COMMANDS), refuse],
+        machine.fcntl: [second, *any_of(_FILE_COMMANDS), refuse],
         machine.clone: [first, _INSTRUCTION.pack(_JUMP_IF_ANY_BIT, 0, 1, _NEW_THREAD), allow, refuse],
         # A filter cannot see its flags, which lie in memory. Told that there is no such call, libraries use the other.
         machine.clone3: [_INSTRUCTION.pack(_RETURN, 0, 0, _UNKNOWN)],
-        machine.prctl: [first, _INSTRUCTION.pack(_JUMP_IF_EQUAL, 0, 1, _NAME_OF_THREAD), allow, refuse],
+        machine.prctl: [first, *any_of([_NAME_OF_THREAD]), refuse],
     }
     text = []
     for number, part in parts.items():

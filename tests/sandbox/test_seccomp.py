@@ -94,7 +94,7 @@ def test_dangerous_calls_are_refused(name: str) -> None:
 
 
 #: Calls that a driver's library may make, whose arguments the filter looks at: x86-64, aarch64.
-IOCTL, CLONE, CLONE3, PRCTL = (16, 29), (56, 220), (435, 435), (157, 167)
+IOCTL, FCNTL, CLONE, CLONE3, PRCTL = (16, 29), (72, 25), (56, 220), (435, 435), (157, 167)
 #: No file, program, process, socket, ring, trace, shared memory, limit or namespace, but opening and threads.
 STILL_DANGEROUS = {
     name: tuple(set(numbers) - {opening, CLONE[column], CLONE3[column]} - ({2} if name == "x86_64" else set()))
@@ -137,13 +137,21 @@ def test_driver_starts_threads_and_no_processes(column: int) -> None:
     assert with_gpu(name, PRCTL[column], 4, 1) == with_gpu(name, PRCTL[column], 22, 2) == REFUSE
 
 
+@pytest.mark.parametrize("column", range(2))
+def test_files_of_a_driver_send_no_signals(column: int) -> None:
+    """An open file can be told to signal another process when it is written to (F_SETOWN, F_SETSIG, O_ASYNC)."""
+    name = [*MACHINES][column]
+    assert {with_gpu(name, FCNTL[column], 9, command) for command in (0, 1, 2, 3, 1030)} == {ALLOW}
+    assert {with_gpu(name, FCNTL[column], 9, command) for command in (4, 8, 10, 15, 1024, 1026)} == {REFUSE}
+
+
 @EVERY_MACHINE
 @given(number=NUMBERS | st.integers(0, 600))
 def test_with_a_gpu_every_call_that_is_not_listed_is_refused(machine: Machine, number: int) -> None:
     """As without one, and what is dangerous stays refused by name."""
     name = next(each for each, known in MACHINES.items() if known == machine)
     listed = {*machine.allowed, *machine.with_gpu}
-    by_argument = {machine.ioctl, machine.clone, machine.clone3, machine.prctl}
+    by_argument = {machine.ioctl, machine.fcntl, machine.clone, machine.clone3, machine.prctl}
     if number not in by_argument:
         assert with_gpu(name, number, 7, 7) == (ALLOW if number in listed else REFUSE)
     for refused in STILL_DANGEROUS[name]:
@@ -154,7 +162,7 @@ def test_with_a_gpu_every_call_that_is_not_listed_is_refused(machine: Machine, n
 def test_filter_of_a_cpu_is_as_it_was(machine: Machine) -> None:
     """What a driver needs is in no filter of a candidate without a GPU."""
     text = program(machine, PID)
-    assert text == program(replace(machine, with_gpu=(), ioctl=0, clone=0, clone3=0, prctl=0), PID)
+    assert text == program(replace(machine, with_gpu=(), ioctl=0, fcntl=0, clone=0, clone3=0, prctl=0), PID)
 
 
 def test_filters_need_a_known_processor_and_a_kernel_that_has_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,13 +12,12 @@ from gpus import needs_gpu
 from refusals import refused
 from training_jobs import RECIPE, examples, header_of, payload_of, trained
 
-from tacevo.choices import Confinement, Device, Layout, Numerics, Precision
+from tacevo.choices import Confinement, Layout, Precision
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity
 from tacevo.errors import ConfigError
-from tacevo.parts.executor import Order
 from tacevo.records import Gpu, written
-from tacevo.runs.wiring import recipe_of
+from tacevo.runs.wiring import order_of, recipe_of
 from tacevo.sandbox.devices import DEVICES
 from tacevo.storage.canonical import value_at
 from tacevo.training.determinism import noting_nondeterminism
@@ -74,18 +73,6 @@ def test_gpu_notes_what_it_cannot_do_deterministically() -> None:
     assert noted == {"max_unpooling2d_forward_out", name[:100]}
 
 
-ORDER = Order(
-    entries={},
-    equip=None,
-    environment={},
-    numerics=Numerics.portable,
-    device=Device.cpu,
-    gpu=None,
-    per_gpu=1,
-    require=Confinement.process,
-)
-
-
 @pytest.mark.parametrize(
     ("overrides", "place", "expected", "got"),
     [
@@ -107,15 +94,24 @@ def test_cuda_promises_no_more_than_it_keeps(overrides: str, place: str, expecte
         compose(["training.device=cuda", *overrides.split()])
 
 
-def test_walls_of_a_gpu_stand_where_they_are_demanded() -> None:
+@pytest.mark.parametrize(
+    ("overrides", "strongest", "doors"),
+    [
+        ("training.device=cuda training.gpu=X numerics=fast sandbox.require=kernel", Confinement.kernel, DEVICES),
+        ("training.device=cuda training.gpu=X numerics=fast sandbox.require=none", Confinement.none, ()),
+        *((f"sandbox.require={level}", Confinement.kernel, ()) for level in Confinement),
+    ],
+)
+def test_walls_of_a_gpu_stand_where_they_are_demanded(
+    overrides: str, strongest: Confinement, doors: tuple[str, ...]
+) -> None:
     """With doors for its device files; without the demand there are no walls, and on a CPU no doors."""
-    order = replace(ORDER, device=Device.cuda, numerics=Numerics.fast)
-    walled, plain = (replace(order, require=level) for level in (Confinement.kernel, Confinement.none))
-    assert (walled.strongest, walled.doors) == (Confinement.kernel, DEVICES)
-    assert (plain.strongest, plain.doors) == (Confinement.none, ())
-    assert {
-        (replace(ORDER, require=level).strongest, replace(ORDER, require=level).doors) for level in Confinement
-    } == {(Confinement.kernel, ())}
+    order = order_of(compose(overrides.split()))
+    assert (order.strongest, order.doors) == (strongest, doors)
+
+
+def test_gpu_is_lent_by_memory_unless_a_number_is_set() -> None:
+    """It decides no result."""
     config = compose(["training.device=cuda", "training.gpu=X", "sandbox.require=kernel", "numerics=fast"])
     assert config.executor.per_gpu is None
 

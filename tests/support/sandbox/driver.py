@@ -56,6 +56,8 @@ def use(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
         "library": partial(os.open, os.__file__, os.O_RDONLY),
         "environment of the search": partial(os.open, f"/proc/{header['search']}/environ", os.O_RDONLY),
         "fork": _fork,
+        "signal by a file": partial(fcntl.fcntl, arrays["opened"], fcntl.F_SETOWN, header["search"]),
+        "affinity of the search": partial(os.sched_setaffinity, header["search"], [0]),
         "program": partial(subprocess.run, [sys.executable, "-c", ""]),
         "network": lambda: socket.socket().connect(("127.0.0.1", header["port"])),
         "signal": partial(os.kill, header["search"], 0),

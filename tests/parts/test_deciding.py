@@ -1,0 +1,283 @@
+"""A part that decides is recorded and confined: whatever it does, a decision follows from what it was given."""
+
+import json
+import shutil
+import time
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bundles import members_of
+from checkout import ROOT
+from commands import tacevo
+from refusals import refused
+from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
+
+from tacevo.bundles.format import sealed
+from tacevo.config.compose import compose
+from tacevo.errors import ConfigError, PartError
+from tacevo.parts.kinds import PARENTS
+from tacevo.parts.registry import find
+from tacevo.parts.sources import read_sources
+from tacevo.records import Json, Limits
+from tacevo.sandbox.part_process import PartProcess, Recorded
+
+HONEST = ROOT / "tests/support/deciding/honest.py"
+
+GIVEN: Json = {
+    "pool": [
+        {
+            "id": f"g00s{slot:02d}",
+            "source": "class Net: pass",
+            "fitness": 1.0 / (slot + 1),
+            "losses": [1.0],
+            "parameters": 1,
+            "flops": 1,
+            "parents": [],
+            "curiosity": 1.0,
+        }
+        for slot in range(4)
+    ],
+    "number": 1,
+    "rng": [1, 2],
+}
+
+
+def part(body: str, *, head: str = "", tail: str = "") -> Recorded:
+    """Return a part whose `draw` has this body, as if a run had recorded it."""
+    lines = "\n".join(f"        {line}" for line in body.split("\n"))
+    text = f"""from dataclasses import dataclass
+import numpy as np
+from tacevo.parts import Parents
+{head}
+
+@dataclass(frozen=True)
+class Rule(Parents):
+    def draw(self, pool, number, rng):
+{lines}
+
+{tail}
+"""
+    return Recorded(kind=PARENTS, name="Rule", module="rule", attribute="Rule", sources={"rule.py": text})
+
+
+@pytest.fixture(scope="module")
+def process() -> Any:
+    """Return where parts decide."""
+    with PartProcess(limits=Limits(seconds=1.5, memory_mib=512)) as process:
+        yield process
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "state.append(1)\nreturn [pool[len(state) - 1]]",
+        "for one in pool: object.__setattr__(one, 'fitness', 0.0)\npool.sort(key=lambda one: one.id)\nreturn [pool[0]]",
+        "print('x' * 100_000)\nreturn [pool[0]]",
+        "import sys\nsys.stderr.write('loud')\nreturn [pool[0]]",
+    ],
+)
+def test_nothing_is_kept_or_shown(process: PartProcess, body: str) -> None:
+    """State between calls, changes of what it is given, what it prints: the next decision is that of the first."""
+    rule = part(body, head="state = []")
+    assert [process.ask(rule, "parents.draw", GIVEN) for _ in range(3)] == [["g00s00"]] * 3
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ("import time\nreturn [pool[time.time() > NOW + 500_000]]", "for the same"),
+        ("import time\nreturn [pool[time.monotonic_ns() > UP + 5 * 10**14]]", "for the same"),
+        ("import random\nreturn [pool[int(random.random() * 4)]]", "for the same"),
+        ("return [pool[np.random.randint(4)]]", "for the same"),
+        ("raise ValueError('no such luck')", "ValueError: no such luck, rule.py, line"),
+        ("while True: pass", "out_of_time"),
+        ("return [bytearray(4 * 10**9)]", "MemoryError"),
+        ("import os\nos._exit(0)", "crashed"),
+        ("import os\nos.kill(os.getppid(), 9)\nreturn [pool[0]]", ""),
+        ("open('/etc/passwd').read()", "Error"),
+        ("import socket\nsocket.socket()", "Error"),
+        ("import subprocess\nsubprocess.run(['true'])", "Error"),
+        ("return pool[0].nothing", "AttributeError"),
+        ("return 3", "TypeError"),
+    ],
+)
+def test_fault_of_a_part_names_it_and_is_no_decision(process: PartProcess, body: str, fault: str) -> None:
+    """A clock, a generator of its own, an endless loop, a file, a socket, a program, a process that is not its own."""
+    head = f"NOW, UP = {time.time()}, {time.monotonic_ns()}"
+    with pytest.raises(PartError) as caught:
+        process.ask(part(body, head=head), "parents.draw", GIVEN)
+    assert fault in caught.value.got
+    assert caught.value.place == "proposals.parents=Rule, parents.draw"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("import time", "imports of its own modules"),
+        ("from os import path", "imports of its own modules"),
+        ("import tacevo.storage.store", "imports of its own modules"),
+        ("def f():\n    import random", "imports of its own modules"),
+        ("x = (", "Python"),
+    ],
+)
+def test_part_is_read_without_being_run(tmp_path: Path, text: str, expected: str) -> None:
+    """What it may not import is refused with its line; its module has no effect here."""
+    file = tmp_path / "rule.py"
+    file.write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n{text}\n")
+    with refused(ConfigError, place="proposals.parents=Rule, rule.py", expected=expected):
+        read_sources(find(PARENTS, f"{file}:Rule"))
+    assert not (tmp_path / "ran").exists()
+
+
+SIZES = [*SMALLEST, UNTRACKED, *PUBLISHED_SIZES, "search.generations=2", "store.root=cache", "run.dir=run"]
+
+CHOSEN = [
+    "proposals.parents=parts/honest.py:Greedy",
+    "prompts.policy=parts/honest.py:Last",
+    "temperature.rule=parts/honest.py:Falling",
+    "training.fitness=parts/honest.py:Half",
+    "archive.axes=[arch_div,parts/honest.py:Size]",
+    "archive.kind=parts/honest.py:Rows",
+    "parts.Greedy.k=3",
+]
+
+
+def _record(folder: Path) -> None:
+    """Search with a part of every kind that decides, publish it, and lose the parts."""
+    shutil.copytree(HONEST.parent, folder / "parts", ignore=shutil.ignore_patterns("__pycache__"))
+    tacevo("search", *SIZES, *CHOSEN, cwd=folder)
+    tacevo("publish", "run", "-o", "run.zip", cwd=folder)
+    (folder / "parts").rename(folder / "lost")
+
+
+@pytest.fixture(scope="module")
+def recorded(once: Once) -> Path:
+    """Return a folder with a run (`run`, `cache`) in which a user's parts decided, and `run.zip`, to be left alone."""
+    return once("deciding", _record)
+
+
+def test_parts_of_every_kind_decide(recorded: Path) -> None:
+    """What the ledger has is what each says; their sources are in the run, and nothing else of the folder."""
+    lines = [json.loads(line) for line in (recorded / "run/ledger.jsonl").read_text().splitlines()]
+    trained = [line for line in lines if line.get("fitness")]
+    ids = {line["id"]: line["fitness"] for line in trained}
+    assert all(line["fitness"] == pytest.approx(min(line["validation_losses"]) / 2) for line in trained)
+    assert all(line["measures"] == [line["parameters"]] for line in trained)
+    assert {line["prompt"] for line in lines if line.get("operator") == "mutation"} == {19}
+    before = [line["id"] for line in trained if line["generation"] < 2]
+    best = sorted(before, key=lambda name: (ids[name], name))[:3]
+    assert {name for line in lines if line.get("generation") == 2 for name in line.get("parents", [])} <= set(best)
+    generations = [line for line in lines if line["kind"] == "generation"]
+    assert [line["next_temperature"] for line in generations][1] < generations[1]["temperature"]
+    niches = json.loads((recorded / "run/archive.json").read_text())["elites"]
+    assert {tuple(elite["centroid"]) for elite in niches} <= {((niche + 0.5) / 5,) * 2 for niche in range(5)}
+    assert {path.name for path in (recorded / "run/parts").rglob("*.py")} == {"honest.py", "neighbour.py"}
+
+
+def test_whoever_lacks_the_parts_replays_and_shows(recorded: Path, tmp_path: Path) -> None:
+    """A run and its bundle; what decided is said, and with trust it decides again."""
+    for name in ("run", "run.zip"):
+        done = tacevo("replay", recorded / name, cwd=recorded)
+        assert "proposals.parents=Greedy: " in done.stdout
+        assert "--trust-parts" in done.stdout
+    trusted = tacevo("replay", recorded / "run.zip", "--trust-parts", cwd=tmp_path)
+    assert "as its recorded sources decide" in trusted.stdout
+    tacevo("show", "run", cwd=recorded)
+    tacevo("tables", "run", "--output", tmp_path / "tables", cwd=recorded)
+
+
+def _members(bundle: Path) -> dict[str, bytes]:
+    members = dict(members_of(bundle))
+    del members["manifest-sha256.txt"]
+    return members
+
+
+def _edited(members: dict[str, bytes]) -> None:
+    members["run/parts/Greedy/honest.py"] += b"# edited\n"
+
+
+def _exchanged(members: dict[str, bytes]) -> None:
+    members["run/parts/Greedy/honest.py"] = members["run/parts/Greedy/neighbour.py"]
+
+
+def _dropped(members: dict[str, bytes]) -> None:
+    del members["run/parts/Greedy/neighbour.py"]
+
+
+def _more(members: dict[str, bytes]) -> None:
+    members["run/parts/Greedy/other.py"] = b"x = 1\n"
+
+
+def _another(members: dict[str, bytes]) -> None:
+    members["run/parts/Other/other.py"] = b"x = 1\n"
+
+
+@pytest.mark.parametrize("edit", [_edited, _exchanged, _dropped, _more, _another])
+def test_bundle_whose_part_is_not_the_recorded_one_is_refused(
+    recorded: Path, tmp_path: Path, edit: Callable[[dict[str, bytes]], None]
+) -> None:
+    """Also with a manifest that was written again, and with nothing of it run."""
+    members = _members(recorded / "run.zip")
+    edit(members)
+    (tmp_path / "run.zip").write_bytes(sealed(members)[0])
+    done = tacevo("replay", "run.zip", cwd=tmp_path, status=1)
+    assert "refused: " in done.stderr
+
+
+def test_run_goes_on_only_with_the_part_that_began_it(recorded: Path, tmp_path: Path) -> None:
+    """The same command finds the run; with an edited part it is another one. A stranger's run asks for trust."""
+    for name in ("run", "cache"):
+        shutil.copytree(recorded / name, tmp_path / name)
+    shutil.copytree(recorded / "lost", tmp_path / "parts")
+    tacevo("search", *SIZES, *CHOSEN, cwd=tmp_path)
+    neighbour = tmp_path / "parts/neighbour.py"
+    neighbour.write_text(neighbour.read_text() + "# later\n")
+    other = tacevo("search", *SIZES, *CHOSEN, cwd=tmp_path, status=2)
+    assert "another run" in other.stderr
+    longer = ["search.generations=3", "run.dir=longer", UNTRACKED, "store.root=cache"]
+    refusal = tacevo("extend", recorded / "run.zip", *longer, cwd=tmp_path, status=2)
+    assert "--trust-parts" in refusal.stderr
+    tacevo("extend", recorded / "run.zip", "--trust-parts", *longer, cwd=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("setting", "place", "expected", "got"),
+    [
+        ("parts.Greedy.k=two", "parts.Greedy.k", "an integer", '"two"'),
+        ("parts.Greedy.margin=true", "parts.Greedy.margin", "a number", "true"),
+        ("parts.Greedy.kk=2", "parts.Greedy.kk", "", "not a setting"),
+        ("parts.Gredy.k=2", "parts.Gredy", "", "nothing chooses"),
+        ("parts=3", "parts", "parts.NAME.SETTING=VALUE", "parts=3"),
+        ("code.Greedy.sha256=0", "", "KEY=VALUE", "code"),
+    ],
+)
+def test_settings_of_a_part_are_checked(setting: str, place: str, expected: str, got: str) -> None:
+    """By their types, when a search is composed."""
+    with refused(ConfigError, place=place, expected=expected, got=got):
+        compose(["experiment=demo", f"proposals.parents={HONEST}:Greedy", setting])
+
+
+def test_settings_of_a_part_are_part_of_the_run() -> None:
+    """Defaults as well as what is set; those of an installed part that is not chosen have no effect."""
+    config = compose(["experiment=demo", f"proposals.parents={HONEST}:Greedy", "parts.Greedy.margin=1"])
+    assert config.parts == {"Greedy": {"k": 2, "margin": 1.0}}
+    assert compose(["experiment=demo"]).parts == {}
+
+
+def test_name_of_ours_is_never_another_part() -> None:
+    """Whatever a package offers."""
+    assert find(PARENTS, "uniform").is_ours
+    rule = replace(part("return [pool[0]]"), name="uniform")
+    assert rule.place == "proposals.parents=uniform"
+
+
+def test_bundle_names_no_place_of_the_machine(recorded: Path) -> None:
+    """Of a part in a file the run has the name of its class."""
+    with zipfile.ZipFile(recorded / "run.zip") as bundle:
+        assert not [name for name in bundle.namelist() if str(recorded).encode() in bundle.read(name)]
+    run = json.loads((recorded / "run/run.json").read_text())
+    assert run["config"]["proposals"]["parents"] == "Greedy"
