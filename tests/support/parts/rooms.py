@@ -37,19 +37,21 @@ ROOMS: Mapping[str, str] = {
     "image tests": "analysis.tables.images analysis.studies.image_findings analysis.studies.predictions",
     "transfer": "analysis.tables.transfer analysis.studies.transfer",
     "published": "analysis.tables.published",
-    "gpus": "tacevo.training.leases",
 }
 
-#: Python imports it first in every process.
+#: Python imports it first in every process: what is hidden is found nowhere, as if it were not installed.
 _HIDES = """
 import sys
+from importlib.machinery import PathFinder
 
-class Hidden:
-    def find_spec(self, name, path=None, target=None):
+class Hiding(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
         if any(name == each or name.startswith(each + ".") for each in NAMES):
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+            return None
+        return PathFinder.find_spec(name, path, target)
 
-sys.meta_path.insert(0, Hidden())
+sys.meta_path = [Hiding if finder is PathFinder else finder for finder in sys.meta_path]
 """
 
 #: One command after the other, in one process; prints the exit status of each.
