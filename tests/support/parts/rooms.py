@@ -37,6 +37,7 @@ ROOMS: Mapping[str, str] = {
     "image tests": "analysis.tables.images analysis.studies.image_findings analysis.studies.predictions",
     "transfer": "analysis.tables.transfer analysis.studies.transfer",
     "published": "analysis.tables.published",
+    "gpus": "tacevo.training.leases",
 }
 
 #: Python imports it first in every process: what is hidden is found nowhere, as if it were not installed.
