@@ -43,6 +43,7 @@ GROUPS = {
         "init": "write a task of your own, copied from another one, to be edited",
         "data": "look at a data set, or write a simulated one as files",
         "check": "put raw answers of a model through the gate",
+        "parts": "list what can be plugged in, and check a part of your own",
         "track": "write the ledgers of runs into MLflow, or what is missing of them there",
         "doctor": "check whether this machine has what a run needs",
     },
@@ -63,7 +64,7 @@ _REPLACED = {
 }
 
 #: The modules whose commands do not need our package `analysis`.
-WITHOUT_ANALYSIS = frozenset({"search", "track", "init", "data", "cache"})
+WITHOUT_ANALYSIS = frozenset({"search", "track", "init", "data", "cache", "parts"})
 
 _DESCRIPTION = "Architecture search for vision-based tactile sensors that can be replayed bit for bit."
 

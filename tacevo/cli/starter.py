@@ -13,16 +13,21 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Never
 
 from tacevo.cli.app import run
 from tacevo.cli.search import run_search
 from tacevo.config.plain import from_plain
+from tacevo.parts.sources import remember
 from tacevo.records import Json
 from tacevo.sandbox.kernel import end_with
 
 _INPUT, _OUTPUT, _ERRORS = 0, 1, 2
+
+#: Of a search in which none decides but ours.
+_NO_PARTS: Mapping[str, dict[str, str]] = {}
 
 _HEARD = {signal.SIGTERM, signal.SIGCHLD}
 
@@ -54,7 +59,9 @@ def _read_ahead(config: dict[str, Json]) -> None:
             table_of(chosen)
 
 
-def _search(parent: int, *, config: dict[str, Json], log: str) -> Never:
+def _search(
+    parent: int, *, config: dict[str, Json], log: str, parts: Mapping[str, dict[str, str]] = _NO_PARTS
+) -> Never:
     """Run a search in this process; its output goes to a file."""
     end_with(parent)
     os.setsid()
@@ -63,11 +70,13 @@ def _search(parent: int, *, config: dict[str, Json], log: str) -> Never:
     os.dup2(output, _OUTPUT)
     os.dup2(output, _ERRORS)
 
-    _obey(config)
+    _obey(config, parts)
 
 
-def _obey(config: dict[str, Json]) -> Never:
-    """Run a search in this process, and end with its exit status."""
+def _obey(config: dict[str, Json], parts: Mapping[str, dict[str, str]]) -> Never:
+    """Run a search in this process, with the sources of its parts by hash, and end with its exit status."""
+    for sha256, sources in parts.items():
+        remember(sha256, sources)
 
     def search(_: argparse.Namespace) -> int:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _HEARD)  # `run` hears them now
@@ -80,6 +89,7 @@ def _obey(config: dict[str, Json]) -> Never:
 if __name__ == "__main__":
     match sys.argv[1:]:
         case ["search", order]:
-            _obey(json.loads(Path(order).read_bytes())["config"])
+            read = json.loads(Path(order).read_bytes())
+            _obey(read["config"], read.get("parts", _NO_PARTS))
         case _:
             serve()

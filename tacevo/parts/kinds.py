@@ -205,6 +205,7 @@ COMMANDS = Kind(
         "init": "tacevo.cli.init:add_init",
         "data": "tacevo.cli.data:add_data",
         "check": "tacevo.cli.inspect:add_check",
+        "parts": "tacevo.cli.parts:add_parts",
         "track": "tacevo.cli.track:add_track",
         "doctor": "tacevo.cli.inspect:add_doctor",
     },

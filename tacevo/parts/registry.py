@@ -3,12 +3,16 @@
 Nothing is imported to list parts. One of ours is found first, so a package cannot take its name.
 """
 
+import hashlib
 import importlib
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
+from traceback import extract_tb
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from tacevo.errors import ConfigError
@@ -46,16 +50,22 @@ class Part:
         """Import it into this process.
 
         Raises:
-            ConfigError: something that it needs is not installed, or its module has no such name.
+            ConfigError: something that it needs is not installed, its module has no such name, or raises.
         """
         try:
-            module = _from_file(self.module, self.file) if self.file else importlib.import_module(self.module)
-            return getattr(module, self.attribute)
+            module = import_file(self.file) if self.file else importlib.import_module(self.module)
         except ImportError as error:
             raise missing(error, place=self.place, extra=self.kind.extras.get(self.name, "")) from error
-        except AttributeError as error:
-            expected = f"a module with the name {self.attribute}"
-            raise ConfigError(str(error), place=self.place, expected=expected) from error
+        except Exception as error:
+            if self.is_ours:
+                raise
+            expected = "a module that can be imported"  # it is a stranger's, and may raise anything
+            raise ConfigError(_raised(error), place=self.place, expected=expected) from error
+        if not hasattr(module, self.attribute):
+            own = [name for name, made in vars(module).items() if getattr(made, "__module__", "") == module.__name__]
+            remedy = nearest(self.attribute, own, "")
+            raise ConfigError(self.attribute, place=self.place, expected="a name that its module has", remedy=remedy)
+        return getattr(module, self.attribute)
 
     @property
     def place(self) -> str:
@@ -143,20 +153,37 @@ def _in_file(kind: Kind, file: Path, name: str) -> Part:
     return Part(kind=kind, name=name, module=file.stem, attribute=name, origin=str(file), file=file)
 
 
-def _from_file(name: str, file: Path) -> Any:
-    """Import a file as a module of a name that no other module has."""
+def import_file(file: Path) -> ModuleType:
+    """Import a file as a module of a name that no other file has; what lies beside it can be imported by it, too."""
     from importlib.util import module_from_spec, spec_from_file_location
 
-    spec = spec_from_file_location(f"tacevo_part_{name}", file)
+    place = file.resolve()
+    name = f"tacevo_part_{file.stem}_{hashlib.sha256(str(place).encode()).hexdigest()[:8]}"
+    spec = spec_from_file_location(name, place)
     assert spec is not None  # the file ends with .py
     assert spec.loader is not None
     module = module_from_spec(spec)
-    spec.loader.exec_module(module)
+    if str(place.parent) not in sys.path:
+        sys.path.append(str(place.parent))  # behind all that is installed
+    sys.modules[name] = module  # where a dataclass looks the types of its fields up
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
     return module
 
 
+def _raised(error: Exception) -> str:
+    """Say what a module raised when it was imported, and in which line."""
+    last = extract_tb(error.__traceback__)[-1]
+    file, line = (error.filename, error.lineno) if isinstance(error, SyntaxError) else (last.filename, last.lineno)
+    said = error.msg if isinstance(error, SyntaxError) else str(error)
+    return f"{type(error).__name__}: {said}, {Path(file or '').name}, line {line}"
+
+
 #: The extra of tacevo that installs a library which `pip install tacevo` does not.
-_EXTRAS = {
+EXTRAS = {
     "ray": "ray",
     "openai": "openai",
     "submitit": "slurm",
@@ -168,9 +195,9 @@ def missing(error: ImportError, *, place: str = "", extra: str = "") -> ConfigEr
     """Say in one line what is not installed, and how it is; `extra` installs what a part needs."""
     from tacevo.environment import install
 
-    name = error.name or ""
+    name = (error.name or "") if isinstance(error, ModuleNotFoundError) else ""  # else it is there, and lacks something
     library = name.partition(".")[0]
-    extra = _EXTRAS.get(library, "" if library in {"tacevo", "analysis"} else extra)
+    extra = EXTRAS.get(library, "" if library in {"tacevo", "analysis"} else extra)
     if extra:
         remedy = install(extra)
     elif library in {"tacevo", "analysis"}:

@@ -63,6 +63,16 @@ def read_sources(part: Part) -> dict[str, str]:
     return {name: texts[name] for name in sorted(texts)}
 
 
+def files_of(part: Part) -> list[Path]:
+    """List the files that an import of a part's module runs, its own last; none of them is run.
+
+    Raises:
+        ConfigError: its package is not installed with its sources.
+    """
+    root, _ = _root(part)
+    return [root / file for file in _files(root, part.module)]
+
+
 def remember(sha256: str, sources: Mapping[str, str]) -> None:
     """Keep the sources of a part in this process, by the hash that a configuration records of them."""
     _REMEMBERED[sha256] = dict(sources)

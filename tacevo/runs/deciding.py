@@ -7,7 +7,7 @@ nothing of the part. Asked to (`trusts`), a replay lets the recorded sources dec
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -116,37 +116,37 @@ class Parts:
     def parents(self) -> Parents:
         """Return who chooses parents."""
         proposals = self.config.proposals
-        parents: Parents = self._part(PARENTS, proposals.parents, proposals, _Parents)
+        parents: Parents = self._part(PARENTS, proposals.parents, proposals)
         return parents
 
     def prompts(self) -> Prompts:
         """Return who draws instructions."""
-        prompts: Prompts = self._part(PROMPTS, self.config.prompts.policy, self.config.prompts, _Prompts)
+        prompts: Prompts = self._part(PROMPTS, self.config.prompts.policy, self.config.prompts)
         return prompts
 
     def temperature(self) -> Temperature:
         """Return who moves the temperature."""
         settings = self.config.temperature
-        temperature: Temperature = self._part(TEMPERATURES, settings.rule, settings, _Temperature)
+        temperature: Temperature = self._part(TEMPERATURES, settings.rule, settings)
         return temperature
 
     def fitness(self) -> Fitness:
         """Return what the fitness of a training is."""
         training = self.config.training
-        fitness: Fitness = self._part(FITNESS, training.fitness, training, _Fitness)
+        fitness: Fitness = self._part(FITNESS, training.fitness, training)
         return fitness
 
     def archive(self) -> Archive:
         """Return who says where the niches are."""
-        archive: Archive = self._part(ARCHIVES, self.config.archive.kind, self.config.archive, _Archive)
+        archive: Archive = self._part(ARCHIVES, self.config.archive.kind, self.config.archive)
         return archive
 
     def axes(self) -> dict[str, Descriptor]:
         """Return what measures the axes of the archive, by name, in their order."""
         settings = self.config.archive
-        return {name: self._part(DESCRIPTORS, name, settings, _Descriptor) for name in settings.axes}
+        return {name: self._part(DESCRIPTORS, name, settings) for name in settings.axes}
 
-    def _part(self, kind: Kind, name: str, settings: object, brought: type["_Brought"]) -> Any:
+    def _part(self, kind: Kind, name: str, settings: object) -> Any:
         if name in kind.ours:
             return of_settings(kind, name, settings)
         code = self.config.code[name]
@@ -159,7 +159,7 @@ class Parts:
             settings=dict(self.config.parts.get(name, {})),
         )
         self.decisions.check(part, dict(code.constants))
-        return type(brought.__name__, (brought,), dict(code.constants))(part, self.decisions)
+        return brought_part(part, code.constants, self.decisions)
 
 
 def sources_of(config: RunConfig, run: Path | None) -> dict[str, dict[str, str]]:
@@ -180,10 +180,27 @@ def sources_of(config: RunConfig, run: Path | None) -> dict[str, dict[str, str]]
     return found
 
 
+class Asked(Protocol):
+    """What a part's decisions come from, as `Decisions`."""
+
+    def ask(self, part: Recorded, method: str, given: Json) -> Json:
+        """Return the decision of a part."""
+        ...
+
+
+def brought_part(part: Recorded, constants: Mapping[str, bool], decisions: Asked) -> Any:
+    """Return a part that a user brought as the search sees it: what it decides is checked.
+
+    A method of it raises a `PartError` where a decision is none.
+    """
+    kind = _BROUGHT[part.kind]
+    return type(kind.__name__, (kind,), dict(constants))(part, decisions)
+
+
 class _Brought:
     """A part that a user brought, as the search sees it; what it returns is checked."""
 
-    def __init__(self, part: Recorded, decisions: Decisions) -> None:
+    def __init__(self, part: Recorded, decisions: Asked) -> None:
         self._recorded, self._decisions = part, decisions
 
     def _ask(self, method: str, given: Json) -> Json:
@@ -262,6 +279,17 @@ class _Archive(_Brought, Archive):
         sound = len(points) == niches and all(_is_point(point, axes) for point in points)
         self._check(sound, "centroids", answer, f"{niches} points of {axes} coordinates in [0, 1]")
         return [[float(value) for value in point] for point in points]
+
+
+#: By kind.
+_BROUGHT: Mapping[Kind, type[_Brought]] = {
+    PARENTS: _Parents,
+    PROMPTS: _Prompts,
+    TEMPERATURES: _Temperature,
+    FITNESS: _Fitness,
+    DESCRIPTORS: _Descriptor,
+    ARCHIVES: _Archive,
+}
 
 
 def _is_point(point: Json, axes: int) -> bool:

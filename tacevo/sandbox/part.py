@@ -25,7 +25,7 @@ import sys
 import textwrap  # noqa: F401
 import time
 import tokenize  # noqa: F401
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec
 from types import ModuleType
@@ -47,7 +47,7 @@ _LATER = 1_000_003
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class _Candidate:
+class SeenCandidate:
     """A `tacevo.parts.Candidate`."""
 
     id: str
@@ -98,7 +98,7 @@ def decide(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object
         setattr(time, f"{name}_ns", _shifted(getattr(time, f"{name}_ns"), number * _LATER * 10**9))
     sys.meta_path[:] = [_Recorded(header["sources"]), BuiltinImporter, FrozenImporter]
     try:
-        answer: dict[str, Json] = {"answer": _METHODS[header["method"]](header)}
+        answer: dict[str, Json] = {"answer": _answer(header)}
     except Exception as error:
         answer = {"fault": _told(error, header["sources"])}
     send(answer, b"")
@@ -138,13 +138,8 @@ def _class(header: Header) -> type:
     return made
 
 
-def _part(header: Header) -> Any:
-    return _class(header)(**header["settings"])
-
-
-def _describe(header: Header) -> Json:
+def _describe(made: type[Any], constants: Sequence[str]) -> Json:
     """Return the settings of a part with their types and defaults, and the constants of its class."""
-    made = _class(header)
     fields: dict[str, Json] = {}
     for field in dataclasses.fields(made):
         kind = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", str(field.type))
@@ -152,13 +147,7 @@ def _describe(header: Header) -> Json:
             raise TypeError(f"expected a setting {field.name} of type {', '.join(TYPES)}; got {kind}")
         default: Json = None if field.default is dataclasses.MISSING else field.default
         fields[field.name] = {"type": kind, "default": default}
-    return {"fields": fields, "constants": {name: getattr(made, name) for name in header["given"]["constants"]}}
-
-
-def _check(header: Header) -> Json:
-    """Make the part, which may refuse its settings."""
-    _part(header)
-    return True
+    return {"fields": fields, "constants": {name: getattr(made, name) for name in constants}}
 
 
 def _generator(key: Any) -> np.random.Generator:
@@ -166,48 +155,42 @@ def _generator(key: Any) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(key=np.array(key, np.uint64)))
 
 
-def _candidates(given: Any) -> list[_Candidate]:
-    return [_Candidate(**{**one, "losses": tuple(one["losses"]), "parents": tuple(one["parents"])}) for one in given]
+def _candidates(given: Any) -> list[SeenCandidate]:
+    return [SeenCandidate(**{**one, "losses": tuple(one["losses"]), "parents": tuple(one["parents"])}) for one in given]
 
 
-def _pool(header: Header) -> Json:
-    given = header["given"]
+def _pool(given: Any) -> tuple[Any, ...]:
     candidates = {one.id: one for one in _candidates(given["candidates"])}
-    population = protocols.Population(
-        generation=given["generation"], candidates=candidates, elites=[candidates[name] for name in given["elites"]]
-    )
-    return _ids(_part(header).pool(population))
+    elites = [candidates[name] for name in given["elites"]]
+    return (protocols.Population(generation=given["generation"], candidates=candidates, elites=elites),)
 
 
-def _draw_parents(header: Header) -> Json:
-    given = header["given"]
-    pool = _candidates(given["pool"])
-    return _ids(_part(header).draw(pool, given["number"], _generator(given["rng"])))
+def _draw_parents(given: Any) -> tuple[Any, ...]:
+    return _candidates(given["pool"]), given["number"], _generator(given["rng"])
 
 
 def _ids(chosen: Any) -> list[str]:
-    return [one.id if isinstance(one, _Candidate) else repr(one)[:100] for one in chosen]
+    return [one.id if isinstance(one, SeenCandidate) else repr(one)[:100] for one in chosen]
 
 
-def _draw_prompt(header: Header) -> Json:
-    given = header["given"]
+def _draw_prompt(given: Any) -> tuple[Any, ...]:
     history = protocols.PromptHistory(
         trials=[protocols.Trial(**trial) for trial in given["trials"]],
         changes={int(prompt): (count, total) for prompt, (count, total) in given["changes"].items()},
     )
-    return int(_part(header).draw(history, tuple(given["pool"]), _generator(given["rng"])))
+    return history, tuple(given["pool"]), _generator(given["rng"])
 
 
-def _next(header: Header) -> Json:
-    return _finite(_part(header).next(protocols.Generation(**header["given"]["ended"])))
+def _next(given: Any) -> tuple[Any, ...]:
+    return (protocols.Generation(**given["ended"]),)
 
 
-def _of(header: Header) -> Json:
-    return _finite(_part(header).of(tuple(header["given"]["losses"])))
+def _of(given: Any) -> tuple[Any, ...]:
+    return (tuple(given["losses"]),)
 
 
-def _describe_network(header: Header) -> Json:
-    return _finite(_part(header).describe(_profile(header["given"]["profile"])))
+def _describe_network(given: Any) -> tuple[Any, ...]:
+    return (_profile(given["profile"]),)
 
 
 def _profile(value: Any) -> Profile:
@@ -225,9 +208,12 @@ def _frozen(value: Any) -> Any:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
-def _centroids(header: Header) -> Json:
-    given = header["given"]
-    return [[_finite(value) for value in point] for point in _part(header).centroids(given["niches"], given["axes"])]
+def _centroids(given: Any) -> tuple[Any, ...]:
+    return given["niches"], given["axes"]
+
+
+def _points(centroids: Any) -> Json:
+    return [[_finite(value) for value in point] for point in centroids]
 
 
 def _finite(value: Any) -> float:
@@ -237,14 +223,35 @@ def _finite(value: Any) -> float:
     return number
 
 
-_METHODS: Mapping[str, Callable[[Header], Json]] = {
-    "describe": _describe,
-    "check": _check,
-    "parents.pool": _pool,
-    "parents.draw": _draw_parents,
-    "prompts.draw": _draw_prompt,
-    "temperatures.next": _next,
-    "fitness.of": _of,
-    "descriptors.describe": _describe_network,
-    "archives.centroids": _centroids,
+@dataclasses.dataclass(frozen=True, slots=True)
+class Method:
+    """A method of a part that decides, between JSON and JSON."""
+
+    name: str
+    #: What it is called with, made of what is given.
+    arguments: Callable[[Any], tuple[Any, ...]]
+    #: What it returned, as JSON; raises where that is no answer.
+    answer: Callable[[Any], Json]
+
+
+#: By kind and name.
+METHODS: Mapping[str, Method] = {
+    "parents.pool": Method("pool", _pool, _ids),
+    "parents.draw": Method("draw", _draw_parents, _ids),
+    "prompts.draw": Method("draw", _draw_prompt, int),
+    "temperatures.next": Method("next", _next, _finite),
+    "fitness.of": Method("of", _of, _finite),
+    "descriptors.describe": Method("describe", _describe_network, _finite),
+    "archives.centroids": Method("centroids", _centroids, _points),
 }
+
+
+def _answer(header: Header) -> Json:
+    made, method, given = _class(header), header["method"], header["given"]
+    if method == "describe":
+        return _describe(made, given["constants"])
+    part = made(**header["settings"])  # which may refuse its settings
+    if method == "check":
+        return True
+    asked = METHODS[method]
+    return asked.answer(getattr(part, asked.name)(*asked.arguments(given)))

@@ -33,7 +33,7 @@ LONGEST_NAME = 200
 MOST_OF_A_MEMBER = 32 * 1024**2
 
 #: Letters that mean the same in every file system, each part of a name beginning with one that hides nothing.
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*(/[A-Za-z0-9][A-Za-z0-9._-]*)*")
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*(/[A-Za-z0-9_][A-Za-z0-9._-]*)*")
 
 _MODE = stat.S_IFREG | 0o644
 

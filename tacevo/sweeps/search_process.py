@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import IO
 
 from tacevo.config.schema import RunConfig
-from tacevo.records import to_json
+from tacevo.parts.sources import recalled
+from tacevo.records import Json, to_json
 from tacevo.sandbox.kernel import end_with
 from tacevo.storage.files import write_durably
 from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
@@ -51,9 +52,15 @@ def overrides_of(directory: SweepDirectory, job: Job) -> tuple[str, ...]:
 
 
 def _order(directory: SweepDirectory, job: Job, config: RunConfig) -> str:
-    """Write the order of a job's search, in one line: its configuration, and the file that its output goes to."""
+    """Write the order of a job's search, in one line: its configuration, and the file that its output goes to.
+
+    It has the sources of the parts that decide, as composing read them: the search composes nothing.
+    """
     in_place = replace(config, run=replace(config.run, dir=str(directory.run(job).path)))
-    return f"{json.dumps({'config': to_json(in_place), 'log': str(directory.log(job))})}\n"
+    order: dict[str, Json] = {"config": to_json(in_place), "log": str(directory.log(job))}
+    if config.code:
+        order["parts"] = {code.sha256: to_json(recalled(code.sha256)) for code in config.code.values()}
+    return f"{json.dumps(order)}\n"
 
 
 def keep_order(directory: SweepDirectory, job: Job, config: RunConfig) -> None:

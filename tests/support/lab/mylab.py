@@ -19,6 +19,7 @@ from tacevo.parts.provider import Keep
 from tacevo.parts.source import Catalogue
 from tacevo.records import Completion, Json, Kind, Request
 from tacevo.sandbox.client import RunJob, Sandbox
+from tacevo.sandbox.confinement import in_force
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -105,7 +106,8 @@ class Lab:
         if say is not None:
             say(f"the lab runs {self.workers} candidates at once")
         arrays = {} if images is None else {"images": images}
-        with Sandbox(entries=order.entries, environment=order.environment, arrays=arrays) as sandbox:
+        tell = None if notice is None else lambda measures: notice(in_force(measures))
+        with Sandbox(entries=order.entries, environment=order.environment, arrays=arrays, notice=tell) as sandbox:
             yield sandbox.run
 
 

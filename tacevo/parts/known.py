@@ -1,0 +1,49 @@
+"""What can be said of parts without importing them: what each does, and what is not installed."""
+
+import ast
+import re
+from importlib.metadata import PackageNotFoundError, requires
+from importlib.util import find_spec
+
+from tacevo.errors import ConfigError
+from tacevo.parts.registry import EXTRAS, Part
+from tacevo.parts.sources import files_of
+
+
+def first_line_of(part: Part) -> str:
+    """Return the first line of the docstring of a part, read from its source; empty where there is none."""
+    try:
+        *_, file = files_of(part)
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+    except (ConfigError, OSError, SyntaxError, ValueError):
+        return ""
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == part.attribute:
+            return (ast.get_docstring(node) or "").partition("\n")[0].strip()
+    return ""
+
+
+def lacking(part: Part) -> list[str]:
+    """List the libraries that a part needs and that are not installed; of ours, its module where it was left out."""
+    if part.is_ours:
+        extra = part.kind.extras.get(part.name)
+        return [library for library, of in EXTRAS.items() if of == extra and find_spec(library) is None]
+    try:
+        needed = requires(part.origin.partition(" ")[0]) or []
+    except PackageNotFoundError:  # a file
+        return []
+    return [name for line in needed if ";" not in line and not _is_installed(name := _name(line))]
+
+
+def _name(requirement: str) -> str:
+    """Return the name of a distribution in a requirement, as `torch` of `torch>=2.6`."""
+    match = re.match(r"[A-Za-z0-9._-]+", requirement)
+    return match[0] if match else requirement
+
+
+def _is_installed(distribution: str) -> bool:
+    try:
+        requires(distribution)
+    except PackageNotFoundError:
+        return False
+    return True

@@ -1,0 +1,165 @@
+"""What a source of images promises."""
+
+import dataclasses
+import shutil
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tacevo.choices import SplitRule
+from tacevo.data.loading import split_rows
+from tacevo.parts.source import Catalogue, Split
+from tacevo.parts.testing.contract import Contract, require
+from tacevo.records import Kind
+from tacevo.storage.canonical import canonical
+
+#: How many pictures of a source are made, at most.
+_PICTURES = 32
+
+#: The largest recording that is copied elsewhere, in bytes.
+_COPIED = 200_000_000
+
+
+def source_contracts(source: Any) -> list[Contract]:
+    """List what a source promises."""
+    tested = _Tested(source)
+    return [
+        Contract("describes itself in JSON, and alike each time", tested.describes),
+        Contract("describes files by their bytes, and not by where they lie", tested.names_bytes),
+        Contract("lists labels, pictures, groups and names that fit together", tested.fits),
+        Contract("lists the same again", tested.lists_again),
+        Contract("makes pictures of uint8 and shape (3, size, size)", tested.makes),
+        Contract("makes the same picture again, in any order and in several threads", tested.makes_again),
+        Contract("can be split at random without cutting a group", tested.splits),
+    ]
+
+
+class _Tested:
+    """A source and its catalogue."""
+
+    def __init__(self, source: Any) -> None:
+        self._source = source
+        self._listed: Catalogue | None = None
+
+    def describes(self) -> None:
+        """Twice, and so does another source of the same settings."""
+        first = canonical(self._source.describe())
+        require(canonical(self._source.describe()) == first, first, canonical(self._source.describe()))
+        again = canonical(dataclasses.replace(self._source).describe())
+        require(again == first, f"{first}, as of a source of the same settings", again)
+
+    def names_bytes(self) -> None:
+        """A copy of what lies at `root` has the same description."""
+        root: Any = getattr(self._source, "root", None)
+        if root is None or sum(each.stat().st_size for each in _files(Path(root))) > _COPIED:
+            return
+        path = Path(root)
+        with tempfile.TemporaryDirectory() as folder:
+            copied = Path(folder) / path.resolve().name
+            (shutil.copytree if path.is_dir() else shutil.copy)(path, copied)
+            moved = dataclasses.replace(self._source, root=type(root)(copied))
+            first, second = canonical(self._source.describe()), canonical(moved.describe())
+        require(first == second, f"{first} of a copy in another directory", second)
+
+    def fits(self) -> None:
+        """A catalogue agrees with itself."""
+        listed = self._catalogue()
+        count = len(listed.labels)
+        require(isinstance(listed, Catalogue), "a tacevo.parts.source.Catalogue", type(listed).__name__)
+        require(count > 0, "at least one image", count)
+        _check_labels(listed)
+        require(len(set(listed.names)) == len(listed.names), "names that differ", listed.names)
+        size = listed.image_size
+        require(type(size) is int and size > 0, "an image_size of at least 1 pixel", size)
+        for name in ("pictures", "groups", "files", "places", "depths", "extents"):
+            values = getattr(listed, name)
+            fits = values is None or len(values) == count or (name in {"depths", "extents"} and len(values) == 0)
+            require(fits, f"{count} {name}, as there are labels", values if fits else len(values))
+        if listed.groups is not None:
+            require(listed.groups.dtype == np.int64, "groups of int64", listed.groups.dtype)
+        for split in (listed.release, listed.dealt):
+            if split is not None:
+                _check_split(split, count)
+
+    def lists_again(self) -> None:
+        """The order does not depend on the day."""
+        first, second = self._catalogue(), self._source.catalogue()
+        for name in ("kind", "names", "units", "image_size", "places", "files", "skipped"):
+            one, other = getattr(first, name), getattr(second, name)
+            require(one == other, f"the same {name} twice", f"{one}, then {other}")
+        for name in ("labels", "groups"):
+            require(_equal(getattr(first, name), getattr(second, name)), f"the same {name} twice", "others")
+
+    def makes(self) -> None:
+        """Some pictures, the first and the last among them."""
+        listed = self._catalogue()
+        shape = (3, listed.image_size, listed.image_size)
+        for row in _some(len(listed.pictures)):
+            picture = listed.pictures[row]()
+            found = f"{type(picture).__name__} of {getattr(picture, 'dtype', '')} {getattr(picture, 'shape', '')}"
+            is_one = isinstance(picture, np.ndarray) and picture.dtype == np.uint8 and picture.shape == shape
+            require(is_one, f"an array of uint8 {shape} in row {row}", found)
+
+    def makes_again(self) -> None:
+        """Here in their order, and then by threads in the other."""
+        listed = self._catalogue()
+        rows = _some(len(listed.pictures))
+        first = {row: np.array(listed.pictures[row]()) for row in rows}
+        with ThreadPoolExecutor(4) as pool:
+            again = dict(zip(reversed(rows), pool.map(lambda row: listed.pictures[row](), reversed(rows)), strict=True))
+        differing = [row for row in rows if not np.array_equal(first[row], again[row])]
+        require(not differing, "the same pictures again", f"others in rows {differing}")
+
+    def splits(self) -> None:
+        """As a search splits it."""
+        listed = self._catalogue()
+        split = split_rows(listed, SplitRule.random, 0)
+        _check_split(split, len(listed.labels))
+        if listed.groups is not None and listed.dealt is None:
+            parts = [set(listed.groups[rows].tolist()) for rows in (split.train, split.validation, split.test)]
+            require(sum(map(len, parts)) == len(set.union(*parts)), "groups in one part each", "one in several")
+
+    def _catalogue(self) -> Catalogue:
+        if self._listed is None:
+            self._listed = self._source.catalogue()
+        return self._listed
+
+
+def _check_labels(listed: Catalogue) -> None:
+    labels, names = listed.labels, listed.names
+    found = f"{labels.dtype} {labels.shape}"
+    if listed.kind is Kind.classification:
+        fits = labels.dtype == np.int64 and labels.ndim == 1
+        require(fits, "labels of a classification: int64 (N,)", found)
+        inside = bool(((labels >= 0) & (labels < len(names))).all())
+        require(inside, f"classes from 0 to {len(names) - 1}, one for each name", f"{labels.min()} to {labels.max()}")
+    else:
+        fits = labels.dtype == np.float64 and labels.shape == (len(labels), len(names))
+        require(fits, f"labels of a regression: float64 (N, {len(names)})", found)
+        require(bool(np.isfinite(labels).all()), "labels that are finite", "one that is not")
+        require(listed.units is None or len(listed.units) == len(names), "a unit of each name, or None", listed.units)
+
+
+def _check_split(split: Split, count: int) -> None:
+    parts = [split.train, split.validation, split.test]
+    rows = np.concatenate(parts)
+    require(sorted(rows.tolist()) == list(range(count)), "a split with each row in one part", "another")
+    rising = all(part.dtype == np.int64 and bool((np.diff(part) > 0).all()) for part in parts)
+    require(rising, "parts of int64, in ascending order", [part.dtype for part in parts])
+
+
+def _some(count: int) -> list[int]:
+    """Return rows from the first to the last."""
+    return sorted({round(number) for number in np.linspace(0, count - 1, min(count, _PICTURES))})
+
+
+def _equal(first: Any, second: Any) -> bool:
+    return first is second is None or (first is not None and second is not None and np.array_equal(first, second))
+
+
+def _files(path: Path) -> Iterator[Path]:
+    return (each for each in path.rglob("*") if each.is_file()) if path.is_dir() else iter([path])
