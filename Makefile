@@ -16,7 +16,7 @@ test test-slow test-all test-cluster test-cluster-all coverage: export OMP_NUM_T
 test test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick replay paper docs lock clean
+.PHONY: help setup demo examples test test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick replay paper docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -82,6 +82,16 @@ check: $(DEV) ## formatting, lint, types and import direction
 	$(BIN)/ruff check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The package stands in an environment of its own, which sees the packages of ours.
+examples: $(DEV) ## install the example package into a fresh environment, and run its tests
+	rm -rf build/examples
+	$(BIN)/python -m venv --without-pip build/examples
+	$(BIN)/python -c 'import site; print(f"import site; site.addsitedir({site.getsitepackages()[0]!r})")' \
+		> "$$(build/examples/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/project.pth"
+	$(BIN)/pip --python build/examples/bin/python install --quiet --disable-pip-version-check --no-deps --no-build-isolation \
+		./examples/tacevo_lexicase
+	OMP_NUM_THREADS=1 build/examples/bin/python -m pytest -q examples/tacevo_lexicase/tests
 
 format: $(DEV) ## format the code
 	$(BIN)/ruff format

@@ -42,6 +42,7 @@ ELSEWHERE = {
     "cache/published/README.md": "published_runs.md",
     "conf/library/README.md": "library.md",
     "docs/plans/README.md": "plans.md",
+    "examples/tacevo_lexicase/README.md": "example_package.md",
     "docs/notebooks": "notebooks/read_a_published_run.md",
 }
 

@@ -55,14 +55,17 @@ class RobotLogs:
 
     def catalogue(self) -> Catalogue:
         """List the images of all logs."""
-        labels, pictures, groups, places = [], [], [], []
+        labels, pictures, groups, places, sizes = [], [], [], [], set()
         for number, log in enumerate(self.logs()):
             arrays = read(log)
+            sizes.add(arrays["images"].shape[2:0:-1])
             for row in range(0, len(arrays["images"]), self.every):
                 labels.append(arrays["wrench"][row, : self.outputs])
                 pictures.append(partial(resized, arrays["images"][row], self.image_size))
                 groups.append(number)
                 places.append(f"{log.name}, row {row}")
+        if len(sizes) > 1:
+            raise DataError(f"{sorted(sizes)}", place=f"data.root={self.root}", expected="images of one size")
         return Catalogue(
             kind=Kind.regression,
             names=AXES[: self.outputs],
@@ -72,6 +75,7 @@ class RobotLogs:
             pictures=pictures,
             groups=np.array(groups, np.int64),
             places=places,
+            recorded_size=sizes.pop(),
         )
 
     def logs(self) -> list[Path]:

@@ -128,9 +128,13 @@ OUTPUT_TABLES: Mapping[str, tuple[str, ...]] = {
 HERE = "local"
 
 
+#: A source of a user's names groups in its catalogue, or none.
+_BROUGHT = SourceFacts(has_groups=True)
+
+
 def source_facts(name: str) -> SourceFacts:
     """Return what is known of a source by its name, installed or not."""
-    return SOURCES.get(name, SourceFacts())
+    return SOURCES.get(name, _BROUGHT)
 
 
 def provider_facts(name: str) -> ProviderFacts:

@@ -15,7 +15,7 @@ def first_line_of(part: Part) -> str:
     try:
         *_, file = files_of(part)
         tree = ast.parse(file.read_text(encoding="utf-8"))
-    except (ConfigError, OSError, SyntaxError, ValueError):
+    except (ConfigError, ImportError, OSError, SyntaxError, ValueError):
         return ""
     for node in tree.body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == part.attribute:
@@ -24,10 +24,10 @@ def first_line_of(part: Part) -> str:
 
 
 def lacking(part: Part) -> list[str]:
-    """List the libraries that a part needs and that are not installed; of ours, its module where it was left out."""
+    """List what a part needs and is not installed: libraries of ours, distributions that a package requires."""
     if part.is_ours:
         extra = part.kind.extras.get(part.name)
-        return [library for library, of in EXTRAS.items() if of == extra and find_spec(library) is None]
+        return [library for library, of in EXTRAS.items() if of == extra and not _is_there(library)]
     try:
         needed = requires(part.origin.partition(" ")[0]) or []
     except PackageNotFoundError:  # a file
@@ -39,6 +39,13 @@ def _name(requirement: str) -> str:
     """Return the name of a distribution in a requirement, as `torch` of `torch>=2.6`."""
     match = re.match(r"[A-Za-z0-9._-]+", requirement)
     return match[0] if match else requirement
+
+
+def _is_there(library: str) -> bool:
+    try:
+        return find_spec(library) is not None
+    except ImportError:
+        return False
 
 
 def _is_installed(distribution: str) -> bool:

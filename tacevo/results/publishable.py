@@ -3,9 +3,11 @@
 Paths keep their last part, so that a reader sees which file it was.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePath
 
+from tacevo.config.deciding import DECIDING
 from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
@@ -29,8 +31,14 @@ def relative(path: str) -> str:
     return last_part(path) if PurePath(path).is_absolute() else path
 
 
+def _named(value: str) -> str:
+    """Return the names of parts, of each FILE.py:CLASS the class, as run.json has them."""
+    return re.sub(r"[^\s,\[\]'\"]+\.py\\?:(\w+)", r"\1", value)
+
+
 #: Settings that are paths, and what is published of them.
 _PATHS: Mapping[str, Callable[[str], str]] = {
+    **{kind.setting: _named for kind in DECIDING},
     "data.root": last_part,
     **dict.fromkeys(("data.source", "llm.provider", "executor.kind"), relative),  # of a part, FILE.py:CLASS
     "data.table": relative,

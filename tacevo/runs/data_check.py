@@ -54,7 +54,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
 
     pixels = np.load(dataset.images, mmap_mode="r")
     mean, deviation = input_statistics(pixels, dataset.train, Normalisation.standardise)
-    alike = nearly_equal(dataset) if catalogue.recorded_size is not None else ()
+    alike = () if config.data.facts.is_made else nearly_equal(dataset)
     groups = catalogue.groups
     is_release = config.data.facts.is_release
     release, differing = _compared(config) if is_release else ((), ())

@@ -90,7 +90,8 @@ class Inspection:
 def report(data: Inspection) -> str:
     """Write an inspection for a person."""
     size = f"{data.image_size}x{data.image_size}"
-    drawn = "drawn at" if data.recorded_size is None else "{}x{} pixels, used at".format(*data.recorded_size)
+    made = "drawn at" if source_facts(data.source).is_made else "made at"
+    drawn = made if data.recorded_size is None else "{}x{} pixels, used at".format(*data.recorded_size)
     moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(data.mean, data.deviation, strict=True)]
     labels = [
         {name: unbroken(cell) if isinstance(cell, str) else cell for name, cell in row.items()} for row in data.labels
@@ -128,7 +129,7 @@ def _listed(words: str, kind: str, count: int, items: Sequence[object] = (), joi
 
 def _groups(data: Inspection) -> str:
     """Say which images the split keeps together."""
-    if data.recorded_size is None:
+    if source_facts(data.source).is_made:
         return "each image is a press of its own"
     if data.groups is None:
         is_told = not any(setting.startswith("data.test_sensor=") for setting in data.selected)  # it has its own split

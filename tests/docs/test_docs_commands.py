@@ -26,8 +26,11 @@ PAGES = (
     *(ROOT / folder / "README.md" for folder in ("benchmarks", "cache", "cache/published")),
 )
 
-#: With a task that `tacevo init` makes first.
-NEW_TASK = re.compile(r"task=(shear|\w+-paper)")
+#: With a task that `tacevo init` makes first, or a part that the page has a reader write.
+OF_A_READER = re.compile(r"task=(shear|\w+-paper)|\bparts/\w+\.py")
+
+#: A file that a page has a reader write: its name, and the text.
+WRITTEN = re.compile(r"^```python\n# (\S+\.py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 #: A command of ours, or one that a page has between two; a line of Python; what is typed elsewhere.
 TYPED = re.compile(r"    (?:.*[ /])?(tacevo [a-z][^#]+)|    ((?:sed|mkdir|unzip) [^#]+)")
@@ -98,6 +101,13 @@ def commands_of(page: Path) -> list[tuple[str, list[str]]]:
     return commands
 
 
+def write_files_of(page: Path, folder: Path) -> None:
+    """Write the files that a page has a reader write."""
+    for name, text in WRITTEN.findall(page.read_text(encoding="utf-8")):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+
+
 def python_of(page: Path) -> list[str]:
     """List the lines of Python of a page."""
     return [line.strip() for line in page.read_text(encoding="utf-8").splitlines() if PYTHON.match(line)]
@@ -108,7 +118,7 @@ EACH = dict.fromkeys(command for commands in COMMANDS.values() for command, _ in
 
 
 @pytest.mark.few(30)
-@pytest.mark.parametrize("command", [command for command in EACH if not NEW_TASK.search(command)])
+@pytest.mark.parametrize("command", [command for command in EACH if not OF_A_READER.search(command)])
 def test_written_command_can_be_typed(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The command line reads it; every value of a search's settings is composed; an estimate needs no model."""
     monkeypatch.setattr("tacevo.cli.arguments.check_place", lambda path: None)  # runs/NAME is not there
@@ -145,6 +155,7 @@ def test_page_does_what_it_says(page: Path, presupposed: Path, tmp_path: Path, m
     for name in ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "OPENAI_API_KEY"):
         monkeypatch.delenv(name, raising=False)
     folder, printed = Path(shutil.copytree(presupposed, tmp_path / "page", symlinks=True)), ""
+    write_files_of(page, folder)
     for command, shown in COMMANDS[page]:
         assert [name for name in re.findall(r"sweeps/[\w-]+-[0-9a-f]{8}", command) if name not in printed] == []
         typed = command

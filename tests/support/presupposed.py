@@ -24,6 +24,7 @@ def write_presupposed(folder: Path) -> None:
     (folder / "cache" / "published").symlink_to(PUBLISHED)
     (folder / "cache" / "tables").symlink_to(ROOT / "cache" / "tables")
     (folder / "docs").symlink_to(ROOT / "docs")
+    (folder / "examples").symlink_to(ROOT / "examples")
     (folder / "grating-claude.zip").symlink_to(PUBLISHED / "grating-claude.zip")
     shutil.copytree(ROOT / "conf", folder / "conf")
     with zipfile.ZipFile(GOLDEN / "demo.zip") as bundle:
@@ -36,6 +37,7 @@ def write_presupposed(folder: Path) -> None:
         patch.chdir(folder)
         run_sweep(Path("sweeps/tiny"), Path("cache"))
     write_recordings(folder / "IMAGES")
+    write_logs(folder / "LOGS")
     save_arrays(folder / "FILE.npz", labels=np.linspace(0, 1, 36).reshape(12, 3))
     write_release(folder / "tacverse")
     recorded = ["data=tacverse", "data.root=tacverse", "run.dir=runs/tacverse"]
@@ -51,6 +53,15 @@ def write_presupposed(folder: Path) -> None:
     }.items():
         shutil.copy(LIBRARY / network, folder / name)
     (folder / "index.html").write_text(PAGE, encoding="utf-8")
+
+
+def write_logs(folder: Path) -> None:
+    """Write the logs of a robot that touched something 20 times: images, forces and torques."""
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for touch in range(20):
+        images = rng.integers(0, 256, (5, 24, 32, 3), dtype=np.uint8)
+        np.savez(folder / f"touch{touch:02d}.npz", images=images, wrench=rng.normal(size=(5, 6)))
 
 
 def write_recordings(folder: Path) -> None:

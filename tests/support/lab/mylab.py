@@ -48,6 +48,7 @@ class Robot:
             labels=labels,
             image_size=self.image_size,
             pictures=[partial(self._picture, int(label)) for label in labels],
+            groups=np.arange(self.touches, dtype=np.int64) // 2,
         )
 
     def _picture(self, label: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
