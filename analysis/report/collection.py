@@ -93,20 +93,23 @@ def collect(path: Path, store: Path | None = None) -> Collection:
     `store` is where its stores lie, if not where the run had them.
     """
     run = read_run(path, None if store is None else str(store))
-    return collection_of(run, read_studies(run))
+    return collection_of(run, read_studies(run), outputs())
 
 
-def collection_of(run: RecordedRun, studies: Studies) -> Collection:
+def collection_of(run: RecordedRun, studies: Studies, installed: Outputs | None = None) -> Collection:
     """Return a run with its studies, and what outputs find in them, such as what their test images say.
+
+    These are ours unless others are given: nothing of a stranger's decides what a bundle holds.
 
     Raises:
         RunError: the niches are not those of the run.
     """
-    found = [outputs().findings(run, one) for one in studies.studies]
+    known = outputs(ours=True) if installed is None else installed
+    found = [known.findings(run, one) for one in studies.studies]
     return Collection(
         run=run,
         niches=load_niches(run),
-        studies=tuple(replace(one, found=known) for one, (known, _) in zip(studies.studies, found, strict=True)),
+        studies=tuple(replace(one, found=told) for one, (told, _) in zip(studies.studies, found, strict=True)),
         reestimates=studies.reestimates,
         left_out=studies.left_out,
         remarks=(*(missed for _, reasons in found for missed in reasons), *studies.remarks),

@@ -33,6 +33,7 @@ from tacevo.records import Kind
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy
 from tacevo.storage.files import write_durably
+from tacevo.text import listed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,9 +156,10 @@ def undrawn(run: RecordedRun) -> tuple[str, ...]:
     if not run.has_niches:
         said.append("no network_map: archive.kind=best keeps the best of all networks, and has no niches to draw")
     elif not _has_map(run):
-        said.append(f"no network_map: archive.axes has {run.config.archive.axes[0]} only, and a map needs two axes")
+        axes = listed(run.config.archive.axes)
+        said.append(f"no network_map: archive.axes={axes}, and a map needs two axes")
     if not run.has_prompts:
-        said.append("no prompt_map: prompts.policy=none keeps no prompt archive")
+        said.append(f"no prompt_map: prompts.policy={run.config.prompts.policy} keeps no prompt archive")
     return tuple(said)
 
 

@@ -12,6 +12,7 @@ from tacevo.parts.facts import OUTPUT_TABLES
 from tacevo.parts.kinds import OUTPUTS
 from tacevo.parts.output import Output
 from tacevo.parts.registry import Part, parts
+from tacevo.parts.registry import ours as our_parts
 from tacevo.profile import Profile
 from tacevo.results.run import RecordedRun
 
@@ -88,9 +89,7 @@ def outputs(*, ours: bool = False) -> Outputs:
     """Import the outputs that are installed, or ours alone."""
     known: list[tuple[Part, Output]] = []
     missing: dict[str, str] = {}
-    for part in parts(OUTPUTS):
-        if ours and not part.is_ours:
-            continue
+    for part in our_parts(OUTPUTS) if ours else parts(OUTPUTS):
         try:
             with _blaming(part):
                 known.append((part, part.load()()))

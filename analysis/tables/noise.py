@@ -75,7 +75,7 @@ def corrected_table(archives: pd.DataFrame, again: Reestimates, task: str) -> Ta
             ("whose it is", before.best_id, after.best_id),
         ),
         notes=(
-            "A recorded fitness is one draw. Where it is one draw, each niche holds the luckiest of its "
+            "A recorded fitness is one draw, so each niche holds the luckiest of its "
             "candidates, and the figures grow with the noise (an illusory archive, Flageat and Cully 2023). Corrected "
             f"is what is left of it by {seeds}; its best is still the lowest of many medians. Candidates that lost to "
             "an elite were not trained again, so a better archive may lie in the run.",

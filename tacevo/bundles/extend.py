@@ -69,7 +69,7 @@ def extend_run(
         )
     if recorded.config.code and not trusts:
         raise ConfigError(
-            f"a run in which {listed(recorded.config.code)} decides, a part that its user brought",
+            f"a run with parts of its user that decide: {listed(recorded.config.code)}",
             place=str(run),
             expected="a run whose parts are all of tacevo",
             remedy="read its sources below parts/; --trust-parts lets them decide here, in a confined process",

@@ -402,7 +402,7 @@ class PartCode(Record):
     #: Where its class is: the dotted name of its module, and its own.
     module: Annotated[str, is_a("a module's name", re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*").fullmatch)]
     attribute: Identifier
-    #: Of its sources (`tacevo.sandbox.part_process.Recorded.sha256`).
+    #: Of its sources (`tacevo.config.deciding.code_hash`).
     sha256: Annotated[str, is_a("64 hex digits", re.compile(r"[0-9a-f]{64}").fullmatch)]
     #: The constants of its class that others look at.
     constants: Mapping[str, bool] = field(default_factory=dict)

@@ -9,11 +9,13 @@ from typing import Annotated
 from annotated_types import Ge, Le
 
 from tacevo.config.compose import compose_study
-from tacevo.config.schema import OneToMillion, RunConfig, is_a
+from tacevo.config.schema import OneToMillion, RunConfig, TrainingConfig, is_a
 from tacevo.data.dataset import Dataset
 from tacevo.environment import machine, versions
 from tacevo.errors import CacheMissError, DivergenceError, RunError
 from tacevo.evolution.lines import CandidateLine, of_training
+from tacevo.parts.kinds import FITNESS
+from tacevo.parts.registry import of_settings
 from tacevo.randomness import derived_seed
 from tacevo.records import Mode, Record, Rejection, Training
 from tacevo.reproduce.retrain import doubts_of
@@ -276,7 +278,9 @@ def _train(
     record = plan.recorded.get(key) if is_stored else None
     differing = _differing(told, weighed, plan.rules)
     if isinstance(record, CandidateLine) and differing is not None:
-        differing = tuple(dict.fromkeys([*differing, *_differing_from_line(record, weighed.training)]))
+        differing = tuple(
+            dict.fromkeys([*differing, *_differing_from_line(record, weighed.training, plan.config.training)])
+        )
     return Trained(
         weighed=weighed, seed=seed, epoch=epoch, key=key, was_recorded=record is not None, differing=differing
     )
@@ -325,17 +329,16 @@ def _differing(told: FullTraining | Training | None, weighed: Weighed, rules: in
     return tuple(names)
 
 
-def _differing_from_line(line: CandidateLine, now: Training) -> list[str]:
+def _differing_from_line(line: CandidateLine, now: Training, config: TrainingConfig) -> list[str]:
     """Name what the ledger says otherwise; a ledger of an earlier release does not say all of it.
 
-    The fitness follows from the losses, as a replay has it.
+    A fitness by a part that the run's user brought is not computed: nothing of it runs here.
     """
     said = of_training(now)
-    return [
-        name
-        for name in ("train_losses", "validation_losses", "predictions", "weights")
-        if getattr(line, name) not in {None, said[name]}
-    ]
+    if config.fitness in FITNESS.ours:
+        said["fitness"] = of_settings(FITNESS, config.fitness, config).of(now.validation_losses)
+    names = ("train_losses", "validation_losses", "predictions", "weights", "fitness")
+    return [name for name in names if name in said and getattr(line, name) not in {None, said[name]}]
 
 
 def _failed(rejection: Rejection) -> RunError:

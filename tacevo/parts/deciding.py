@@ -21,6 +21,12 @@ ALLOWED = frozenset(
 )
 
 
+def is_allowed(module: str) -> bool:
+    """Answer whether a part that decides may import a module, by its dotted name."""
+    names = module.split(".")
+    return any(".".join(names[:depth]) in ALLOWED for depth in range(1, len(names) + 1))
+
+
 class Candidate(Protocol):
     """A network that trained, as a part sees it; nothing of it can be set."""
 

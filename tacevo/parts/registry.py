@@ -79,8 +79,8 @@ def names(kind: Kind) -> list[str]:
 
 
 def parts(kind: Kind) -> list[Part]:
-    """Find all parts of a kind, in the order of `names`."""
-    return [find(kind, name) for name in names(kind)]
+    """Find all parts of a kind, in the order of `names`, without those whose name several packages have."""
+    return [find(kind, name) for name in names(kind) if name in kind.ours or len(_installed(kind)[name]) == 1]
 
 
 def ours(kind: Kind) -> list[Part]:
@@ -201,7 +201,7 @@ def missing(error: ImportError, *, place: str = "", extra: str = "") -> ConfigEr
     if extra:
         remedy = install(extra)
     elif library in {"tacevo", "analysis"}:
-        remedy = "this installation was made without it: `pip install tacevo` has it"
+        remedy = "it is a part of tacevo that this installation was made without"
     else:
         remedy = f"install {library}" if library else ""
     got = f"no module {name}" if name else str(error)

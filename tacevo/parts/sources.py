@@ -4,13 +4,14 @@ A run records them, and nothing else of the part is ever executed: an import of 
 """
 
 import ast
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 
 from tacevo.errors import ConfigError
-from tacevo.parts.deciding import ALLOWED
+from tacevo.parts.deciding import ALLOWED, is_allowed
 from tacevo.parts.registry import Part
 
 #: The most that a part may be, in bytes and in files: it is part of each run and bundle that it decides in.
@@ -49,18 +50,33 @@ def read_sources(part: Part) -> dict[str, str]:
                 continue
             text = texts[file.as_posix()] = _read(part, root / file)
             _check_size(part, texts)
-            for each in _imports(part, file, text):
+            for each in _imports(f"{part.place}, {file}", file, text):
                 if _is_own(root, own, each.module):
                     pending.append(each.module)
-                elif not _is_allowed(each.module):
-                    raise ConfigError(
-                        f"`import {each.module}`",
-                        place=f"{part.place}, {file}, line {each.line}",
-                        expected=f"imports of its own modules, and of {', '.join(sorted(ALLOWED))}",
-                        remedy="what it decides must follow from what it is given: draw from `rng`, and read no clock "
-                        "and no file",
-                    )
+                else:
+                    _check_allowed(each, f"{part.place}, {file}")
     return {name: texts[name] for name in sorted(texts)}
+
+
+def check_texts(place: str, texts: Mapping[str, str]) -> None:
+    """Check recorded sources as `read_sources` checks those that it reads; errors are its."""
+    modules = {name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in texts}
+    tops = {module.partition(".")[0] for module in modules}
+    for name, text in texts.items():
+        for each in _imports(f"{place}, {name}", PurePosixPath(name), text):
+            if each.module.partition(".")[0] not in tops:
+                _check_allowed(each, f"{place}, {name}")
+
+
+def _check_allowed(imported: _Import, place: str) -> None:
+    if not is_allowed(imported.module):
+        raise ConfigError(
+            f"`import {imported.module}`",
+            place=f"{place}, line {imported.line}",
+            expected=f"imports of its own modules, and of {', '.join(sorted(ALLOWED))}",
+            remedy="what a part decides must follow from what it is given: draw from `rng`, and read no clock and no "
+            "file; where its package imports more in an `__init__`, move the part to a package that does not",
+        )
 
 
 def files_of(part: Part) -> list[Path]:
@@ -112,22 +128,20 @@ def _is_own(root: Path, own: str, module: str) -> bool:
     top = module.partition(".")[0]
     if own:
         return top == own
-    return not _is_allowed(module) and any(_files(root, module))
+    return not is_allowed(module) and any(_files(root, module))
 
 
-def _is_allowed(module: str) -> bool:
-    names = module.split(".")
-    return any(".".join(names[:depth]) in ALLOWED for depth in range(1, len(names) + 1))
-
-
-def _imports(part: Part, file: PurePosixPath, text: str) -> Iterator[_Import]:
-    """Yield what a text imports, wherever it does."""
+def _imports(place: str, file: PurePosixPath, text: str) -> Iterator[_Import]:
+    """Yield what a text imports, wherever it does; refuse what is no Python, and the clock of NumPy."""
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError) as error:
-        raise ConfigError(str(error), place=f"{part.place}, {file}", expected="Python") from error
+        raise ConfigError(str(error), place=place, expected="Python") from error
     package = list(file.parent.parts)
     for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute | ast.Constant | ast.alias) and _is_clock(node):
+            line = getattr(node, "lineno", 0)
+            raise ConfigError("NumPy's dates, which read a clock", place=f"{place}, line {line}", expected="no clock")
         if isinstance(node, ast.Import):
             yield from (_Import(alias.name, node.lineno) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -137,6 +151,12 @@ def _imports(part: Part, file: PurePosixPath, text: str) -> Iterator[_Import]:
                 yield _Import(base, node.lineno)
             for alias in node.names:  # each may be a module, which `_files` then finds
                 yield _Import(".".join(filter(None, (base, alias.name))), node.lineno)
+
+
+def _is_clock(node: ast.Attribute | ast.Constant | ast.alias) -> bool:
+    """Answer whether this names NumPy's type of dates, of which `now` and `today` are values."""
+    named = {ast.Attribute: "attr", ast.Constant: "value", ast.alias: "name"}[type(node)]
+    return re.match(r"[<>=|]?M8|datetime64", str(getattr(node, named))) is not None
 
 
 def _read(part: Part, path: Path) -> str:

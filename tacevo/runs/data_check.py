@@ -17,9 +17,6 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.labels import units_of
 from tacevo.data.pictures import contact_sheet, format_of, sample_figure, save
 from tacevo.data.scaling import input_statistics
-from tacevo.data.simulator.tasks import Simulated
-from tacevo.data.simulator.written_files import overrides_for, write_files
-from tacevo.data.sources.release import compared
 from tacevo.data.splitting import PARTS
 from tacevo.data.survey import constant_images, equal_images, label_table, nearly_equal, split_of
 from tacevo.environment import as_typed
@@ -60,7 +57,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
     alike = () if config.data.facts.is_made else nearly_equal(dataset)
     groups = catalogue.groups
     is_release = config.data.facts.is_release
-    release, differing = compared(Path(config.data.root or "")) if is_release else ((), ())
+    release, differing = _compared(config) if is_release else ((), ())
     return Inspection(
         task=config.task.name,
         source=config.data.source,
@@ -158,12 +155,23 @@ def simulate(settings: Sequence[str], console: Console) -> str:
             error.place = error.place.replace("data.images", "n")  # as the user wrote it
         raise
     source = source_of(config)
-    if not isinstance(source, Simulated):
+    if not config.data.facts.is_made:
         raise ConfigError(str(config.data.source), place="data", expected="simulated, which alone is written as files")
+    from tacevo.data.simulator.tasks import Simulated
+    from tacevo.data.simulator.written_files import overrides_for, write_files
+
+    assert isinstance(source, Simulated)
     with Progress(console) as view:
         count = write_files(source, out, workers=config.executor.workers, progress=partial(view.advance, "images"))
     command = shlex.join(overrides_for(source, out))
     return f"{count} images and their labels: {out}\nread them: {as_typed('tacevo')} data check {command}"
+
+
+def _compared(config: RunConfig) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Compare a release with what is known of it, by files."""
+    from tacevo.data.sources.release import compared
+
+    return compared(Path(config.data.root or ""))
 
 
 def _loaded(overrides: Sequence[str], console: Console) -> tuple[RunConfig, Catalogue, Dataset, Task]:

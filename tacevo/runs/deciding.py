@@ -28,7 +28,7 @@ from tacevo.parts import (
 )
 from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, FITNESS, PARENTS, PROMPTS, TEMPERATURES, Kind
 from tacevo.parts.registry import of_settings
-from tacevo.parts.sources import recalled
+from tacevo.parts.sources import check_texts, recalled
 from tacevo.profile import Profile
 from tacevo.records import Json, to_json
 from tacevo.rounding import rounded
@@ -84,8 +84,7 @@ class Decisions:
         self.counts[part.place] = self.counts.get(part.place, 0) + 1
         if self._store is None:
             return self._process.ask(part, method, given)
-        code = code_hash(part.module, part.attribute, part.sources)
-        request = decision(code, part.settings, method, given)
+        request = decision(part.sha256, part.settings, method, given)
         recorded = self._store.find(request)
         if recorded is None:
             return self._store.keep(request, self._process.ask(part, method, given))
@@ -156,6 +155,7 @@ class Parts:
             module=code.module,
             attribute=code.attribute,
             sources=self.sources[name],
+            sha256=code.sha256,
             settings=dict(self.config.parts.get(name, {})),
         )
         self.decisions.check(part, dict(code.constants))
@@ -176,6 +176,7 @@ def sources_of(config: RunConfig, run: Path | None) -> dict[str, dict[str, str]]
                 expected=f"the sources of the part that decided, of the hash {code.sha256[:12]}",
                 remedy="restore them",
             )
+        check_texts(f"{kind.setting}={name}", texts)
         found[name] = dict(texts)
     return found
 
@@ -194,7 +195,10 @@ def brought_part(part: Recorded, constants: Mapping[str, bool], decisions: Asked
     A method of it raises a `PartError` where a decision is none.
     """
     kind = _BROUGHT[part.kind]
-    return type(kind.__name__, (kind,), dict(constants))(part, decisions)
+    own = type(kind.__name__, (kind,), {})
+    for name, value in constants.items():
+        setattr(own, name, value)
+    return own(part, decisions)
 
 
 class _Brought:

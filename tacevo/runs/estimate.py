@@ -11,15 +11,13 @@ from pathlib import Path
 from tacevo.config.schema import UNCHOSEN, RunConfig
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
-from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import TacevoError
 from tacevo.evolution.prompts import crossover_text, mutation_text
 from tacevo.evolution.proposals import plan_initial
 from tacevo.llm.prices import likely_tokens
-from tacevo.records import Completion, DataFacts, Delivery, Mode, Task, to_json
+from tacevo.records import Completion, DataFacts, Delivery, Mode, Request, Task, to_json
 from tacevo.runs.datasets import source_of
 from tacevo.runs.deciding import Decisions, Parts
-from tacevo.runs.looked_up import table_of
 from tacevo.runs.pace import Measure, Pace, Saving, growth, measure, part_saved, training_images, trainings
 from tacevo.runs.progress import LONG, told_saving
 from tacevo.runs.providers import prices_of
@@ -62,11 +60,10 @@ def estimate(config: RunConfig) -> Estimate:
         StoreError: a recorded completion is damaged.
     """
     task = load_task(config, _facts(config))
-    settings = build_settings(config, Parts.of(config, Decisions(None)))
+    with Decisions(None) as decisions:
+        first = _first_requests(config, task, Parts.of(config, decisions))
     store = Store(Path(config.store.root), "completions", Mode.record)
     search = config.search
-    planned = plan_initial(task, settings, mutations=search.initial, temperature=config.temperature.start)
-    first = [proposal.request for proposal in planned if proposal.request is not None]
     recorded = sum(store.read(to_json(request)) is not None for request in first)
     later = search.generations * search.candidates
     crossed = later * (1.0 - config.proposals.mutation_probability)
@@ -87,12 +84,22 @@ def estimate(config: RunConfig) -> Estimate:
     )
 
 
+def _first_requests(config: RunConfig, task: Task, parts: Parts) -> list[Request]:
+    """Return the requests of generation 0."""
+    settings, mutations = build_settings(config, parts), config.search.initial
+    planned = plan_initial(task, settings, mutations=mutations, temperature=config.temperature.start)
+    return [proposal.request for proposal in planned if proposal.request is not None]
+
+
 def _facts(config: RunConfig) -> DataFacts:
     """Describe the data set as the requests name it; that the classes of a simulation have names needs no image."""
     if config.data.facts.is_looked_up:
+        from tacevo.runs.looked_up import table_of
+
         return table_of(config).header.data
     source, facts = source_of(config), facts_without_data(config)
-    return replace(facts, names=source.names) if isinstance(source, Simulated) else facts
+    names = getattr(source, "names", ())  # of a source that makes its images, and knows them before
+    return replace(facts, names=names) if names else facts
 
 
 def describe_cost(config: RunConfig) -> str:

@@ -27,7 +27,7 @@ from tacevo.profile import Admitted
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, EAGER, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import answering, examples_of, held_out_of
-from tacevo.runs.deciding import Decisions, Parts
+from tacevo.runs.deciding import Parts
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.runs.seeds import training_seed
 from tacevo.sandbox.client import Died, Finished, RunJob, Score
@@ -52,14 +52,10 @@ def build_plan(
     facts: DataFacts,
     mode: Mode,
     *,
+    parts: Parts,
     stores: Stores | None = None,
-    parts: Parts | None = None,
 ) -> Plan:
-    """Turn a configuration into the plan of a search; the centroids come from `stores`, or from the configured ones.
-
-    Without `parts`, decisions of those that a user brought are not kept.
-    """
-    parts = parts or Parts.of(config, Decisions(None))
+    """Turn a configuration into the plan of a search; the centroids come from `stores`, or from the configured ones."""
     archive = config.archive
     store = (stores or stores_of(config)).of("centroids", mode)
     bounds = _fixed_bounds(archive, parts)

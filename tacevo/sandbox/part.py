@@ -4,27 +4,13 @@ Everything that a part may import is imported here, before the process is confin
 among its recorded sources.
 """
 
-import ast  # noqa: F401
-import bisect  # noqa: F401
-import collections  # noqa: F401
-import copy  # noqa: F401
+import builtins
 import dataclasses
-import difflib  # noqa: F401
-import fractions  # noqa: F401
-import hashlib  # noqa: F401
-import heapq  # noqa: F401
-import itertools  # noqa: F401
-import json  # noqa: F401
-import keyword  # noqa: F401
+import importlib
 import math
-import operator  # noqa: F401
 import random
-import statistics  # noqa: F401
-import string  # noqa: F401
 import sys
-import textwrap  # noqa: F401
 import time
-import tokenize  # noqa: F401
 from collections.abc import Callable, Mapping, Sequence
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec
@@ -34,10 +20,14 @@ from typing import Any
 import numpy as np
 
 import tacevo.parts.deciding as protocols
+from tacevo.parts.deciding import ALLOWED, is_allowed
 from tacevo.profile import Graph, Node, Profile, Step
 from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.protocol import Header
+
+for _module in sorted(ALLOWED):
+    importlib.import_module(_module)
 
 #: The types of settings.
 TYPES: Mapping[str, type] = {"int": int, "float": float, "bool": bool, "str": str}
@@ -74,12 +64,20 @@ class _Recorded(MetaPathFinder, Loader):
                 return ModuleSpec(name, self, origin=file, is_package=file.endswith("/__init__.py"))
         return None
 
+    def _import(self, name: str, *arguments: Any, **named: Any) -> ModuleType:
+        """Import what a part may: its own modules, and those of `ALLOWED`, whatever else this process has."""
+        level = arguments[3] if len(arguments) > 3 else named.get("level", 0)
+        if level == 0 and not (is_allowed(name) or self.find_spec(name) is not None):
+            raise ImportError(f"a part that decides may not import {name}")
+        return __import__(name, *arguments, **named)
+
     def create_module(self, spec: ModuleSpec) -> None:
         """Let Python make the module."""
 
     def exec_module(self, module: ModuleType) -> None:
         """Run its text."""
         file = str(module.__spec__.origin)  # type: ignore[union-attr]
+        module.__dict__["__builtins__"] = {**vars(builtins), "__import__": self._import}
         exec(compile(self._sources[file], file, "exec"), module.__dict__)
 
 

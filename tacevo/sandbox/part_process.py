@@ -34,8 +34,9 @@ class Recorded:
     name: str
     module: str
     attribute: str
-    #: Texts by file (`tacevo.parts.sources.read_sources`).
+    #: Texts by file (`tacevo.parts.sources.read_sources`), and what names them (`tacevo.config.deciding.code_hash`).
     sources: Mapping[str, str]
+    sha256: str = ""
     settings: Mapping[str, Json] = field(default_factory=dict)
 
     @property

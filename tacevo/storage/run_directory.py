@@ -40,6 +40,9 @@ _ENDINGS = {".py", ".rejected.txt"}
 #: The directory of the sources of parts that a user brought: one for each, by its name.
 PARTS = "parts"
 
+#: The most files that a part may have.
+MOST_FILES = 200
+
 _MAKES = "`tacevo search` makes one, and prints its name"
 
 #: Of a published run: the digests of all other files, in the form that `sha256sum --check` reads.
@@ -191,26 +194,27 @@ class RunDirectory:
         self._keep(name, ".rejected.txt", rejected_text(rejection, answer))
 
     def keep_part(self, name: str, sources: Mapping[str, str]) -> None:
-        """Keep the sources of a part that a user brought, by file."""
+        """Keep the sources of a part that a user brought, by file; what was edited since is written again."""
         for file, text in sources.items():
             path = self.path / PARTS / name / file
-            if not path.exists():
+            if not path.is_file() or path.read_bytes() != text.encode():
                 write_durably(path, text)
 
     def read_part(self, name: str) -> dict[str, str] | None:
-        """Read the sources of a part that a user brought, by file in order; None where there are none."""
-        folder = self.path / PARTS / name
-        if not folder.is_dir():
-            return None
-        texts, pending = {}, [(folder, "")]
-        while pending:
-            place, prefix = pending.pop()
-            for path in place.iterdir():
+        """Read the sources of a part that a user brought, by file in order; None where there are none.
+
+        Links are not followed, since a run may be a stranger's; whatever is no file of sources makes it another part.
+        """
+        texts: dict[str, str] = {}
+        pending = [(self.path / PARTS / name, "")]
+        while pending and len(texts) <= MOST_FILES:
+            folder, prefix = pending.pop()
+            for path in folder.iterdir() if folder.is_dir() and not folder.is_symlink() else ():
                 if path.is_dir():
                     pending.append((path, f"{prefix}{path.name}/"))
-                else:
+                elif not path.is_symlink():
                     texts[f"{prefix}{path.name}"] = path.read_bytes().decode(errors="replace")
-        return {file: texts[file] for file in sorted(texts)}
+        return {file: texts[file] for file in sorted(texts)} or None
 
     def read_kept(self, name: str) -> bytes | None:
         """Read a candidate's file, of either kind; None where there is none."""

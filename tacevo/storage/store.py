@@ -30,10 +30,11 @@ SCHEMA = 1
 Seen = Callable[[Path], object]
 
 #: The kinds of answers that a search keeps.
-SEARCHED = ("answers", "centroids", "completions", "decisions", "evaluations", "probes")
+SEARCHED = ("answers", "centroids", "completions", "evaluations", "probes")
 
-#: All kinds of answers: those of a search, and the full trainings of studies with the arrays that these keep.
-KINDS = (*SEARCHED, "arrays", "studies")
+#: All kinds of answers: those of every search, what parts of a user decide, and the full trainings of studies with the
+#: arrays that these keep.
+KINDS = (*SEARCHED, "arrays", "decisions", "studies")
 
 #: What a user can do about a damaged entry.
 _RESTORE = "restore the file from a copy, or delete it so that it is computed again"

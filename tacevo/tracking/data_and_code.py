@@ -9,6 +9,7 @@ from pydantic import AliasPath, Field
 
 from tacevo.environment import Code
 from tacevo.errors import RunError
+from tacevo.parts.facts import source_facts
 from tacevo.records import STRICT, Json
 from tacevo.storage.run_directory import RunRecord
 from tacevo.typed import convert
@@ -74,7 +75,7 @@ def data_set(run: RunRecord) -> dict[str, str]:
     The digest is the beginning of the fingerprint, as much as MLflow keeps.
     """
     origin = read_settings(run)
-    is_simulated = origin.source == "simulated"
+    is_simulated = source_facts(origin.source).is_made
     return {
         "name": f"{run.task.name} ({origin.source})",
         "digest": run.data.fingerprint[:_DIGEST],

@@ -21,11 +21,12 @@ from tacevo.sandbox.client import Died, Finished, RunJob
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import recall_verdict
 from tacevo.training.answers import judge
-from tacevo.training.leases import LOOK
 from tacevo.training.losses import validation_loss
 
 #: The entries that a sandbox needs for `Evaluator`, besides the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
+#: The job that comes before the first training on a GPU (`tacevo.training.gpu.look`).
+LOOK = "look"
 #: What it needs besides, on a GPU.
 ENTRIES_OF_GPUS = {LOOK: "tacevo.training.gpu:look"}
 EQUIP = "tacevo.training.gpu:equip"

@@ -12,10 +12,9 @@ from tacevo.environment import gpus
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits, Reason, Recipe
 from tacevo.sandbox.client import Died, Finished, RunJob, Score
+from tacevo.training.evaluation import LOOK
 from tacevo.training.memory import CONTEXT_MIB
 
-#: The job that comes before the first training on a GPU (`tacevo.training.gpu.look`).
-LOOK = "look"
 #: The most that this job may take, in MiB.
 _LOOK_MIB = 512
 

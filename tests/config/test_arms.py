@@ -65,7 +65,8 @@ def planned(config: RunConfig, folder: Path) -> Plan:
     search = replace(config.search, generations=6, candidates=6, initial=3)
     store = replace(config.store, root=str(folder))
     small = replace(config, archive=archive, search=search, store=store)
-    plan = build_plan(small, fakes.TASK, facts_without_data(small), Mode.record)
+    parts = Parts.of(small, Decisions(None))
+    plan = build_plan(small, fakes.TASK, facts_without_data(small), Mode.record, parts=parts)
     p_m = 1.0 if config.proposals.mutation_probability == 1 else 0.6
     sizes = replace(plan.settings, mutation_probability=p_m)
     return replace(plan, settings=replace(sizes, model="m", llm=()))  # random_sampling is composed for another model

@@ -106,7 +106,7 @@ def test_cost_is_told_before_the_hours_are_measured(
         assert told.err.strip()  # that it measures, before it does
         return "hours"
 
-    monkeypatch.setattr("tacevo.cli.search.describe_time", measured)
+    monkeypatch.setattr("tacevo.runs.estimate.describe_time", measured)
     assert main(["search", "--estimate", *SMALL]) == 0
     assert capsys.readouterr().out == "hours\n"
 
@@ -117,7 +117,7 @@ def test_estimate_of_a_sweep_has_every_job_and_their_sum(
     """Without a key, a model or a directory of the sweep; jobs of another size have another row."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
-    monkeypatch.setattr("tacevo.cli.search.describe_estimates", partial(describe_estimates, measure=paced))
+    monkeypatch.setattr("tacevo.runs.estimate.describe_estimates", partial(describe_estimates, measure=paced))
     small = ["data.image_size=32", "training.epochs=1", "executor.workers=1", "search.candidates=10"]
     command = ["experiment=paper_force", *small, "search.initial=4", "search.generations=2,3", "seed=0,1"]
     assert main(["search", "-m", "--estimate", *command]) == 0

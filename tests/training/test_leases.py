@@ -17,7 +17,8 @@ from tacevo.choices import Device, Precision
 from tacevo.errors import SandboxError
 from tacevo.records import Gpu, Json, Limits, Reason, written
 from tacevo.sandbox.client import Died, Finished, Frame
-from tacevo.training.leases import LOOK, Leases, gpu_share, visible_gpus
+from tacevo.training.evaluation import LOOK
+from tacevo.training.leases import Leases, gpu_share, visible_gpus
 from tacevo.training.memory import CONTEXT_MIB
 
 GPU = Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=8192)

@@ -16,8 +16,8 @@ from tacevo.choices import Confinement, Device, Numerics, Precision
 from tacevo.records import Gpu, Json, Limits, Rejection, Training
 from tacevo.sandbox.client import Died, Finished, RunJob, Sandbox, Score
 from tacevo.sandbox.confinement import available, in_force
-from tacevo.training.evaluation import ENTRIES, Setting
-from tacevo.training.leases import LOOK, Leases
+from tacevo.training.evaluation import ENTRIES, LOOK, Setting
+from tacevo.training.leases import Leases
 from tacevo.training.numerics import environment
 
 pytestmark = pytest.mark.timeout(120)

@@ -40,16 +40,19 @@ ROOMS: Mapping[str, str] = {
     "gpus": "tacevo.training.leases",
 }
 
-#: Python imports it first in every process.
+#: Python imports it first in every process: what is hidden is found nowhere, as if it were not installed.
 _HIDES = """
 import sys
+from importlib.machinery import PathFinder
 
-class Hidden:
-    def find_spec(self, name, path=None, target=None):
+class Hiding(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
         if any(name == each or name.startswith(each + ".") for each in NAMES):
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+            return None
+        return PathFinder.find_spec(name, path, target)
 
-sys.meta_path.insert(0, Hidden())
+sys.meta_path = [Hiding if finder is PathFinder else finder for finder in sys.meta_path]
 """
 
 #: One command after the other, in one process; prints the exit status of each.
@@ -70,6 +73,11 @@ for line in sys.stdin.read().splitlines():
 Ended = tuple[int, str, str]
 
 
+def _without_labs(path: Sequence[str]) -> list[str]:
+    """Return the import path without packages that stand for a lab's: a test of this process may have used them."""
+    return [each for each in path if not each.endswith("tests/support/lab")]
+
+
 def run_without(
     hidden: str, commands: Sequence[str], folder: Path, cwd: Path, installed: Sequence[Path] = ()
 ) -> list[Ended]:
@@ -80,11 +88,16 @@ def run_without(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "sitecustomize.py").write_text(f"NAMES = {hidden.split()!r}\n{_HIDES}", encoding="utf-8")
     keys = {"ANTHROPIC_API_KEY": "none-that-is-asked", "OPENAI_API_KEY": "none-that-is-asked"}
+    path = [str(folder), *map(str, installed), *_without_labs(sys.path)]
     done = subprocess.run(
         [sys.executable, "-c", _RUN],
         input="\n".join(commands),
         cwd=cwd,
-        env={**os.environ, **keys, "PYTHONPATH": os.pathsep.join([str(folder), *map(str, installed), *sys.path])},
+        env={
+            **os.environ,
+            **keys,
+            "PYTHONPATH": os.pathsep.join(path),
+        },
         capture_output=True,
         text=True,
         check=False,
