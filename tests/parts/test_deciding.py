@@ -1,6 +1,7 @@
 """A part that decides is recorded and confined: whatever it does, a decision follows from what it was given."""
 
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bundles import members_of
+from bundles import entries_of, members_of, resealed, with_entries
 from checkout import ROOT
 from commands import tacevo
 from refusals import refused
@@ -235,6 +236,21 @@ def test_bundle_whose_part_is_not_the_recorded_one_is_refused(
     (tmp_path / "run.zip").write_bytes(sealed(members)[0])
     done = tacevo("replay", "run.zip", cwd=tmp_path, status=1)
     assert "refused: " in done.stderr
+
+
+@pytest.mark.few(6)
+@pytest.mark.parametrize("answer", [None, [], {}, "text", 5.5, [["g00s00"]], ["g99s99"], True])
+@pytest.mark.parametrize("method", ["parents.draw", "parents.pool", "prompts.draw", "fitness.of"])
+def test_decision_of_no_known_form_is_refused(recorded: Path, tmp_path: Path, answer: Json, method: str) -> None:
+    """A store entry may hold anything under its question, with every checksum right."""
+    members = dict(members_of(recorded / "run.zip"))
+    entries = entries_of(members)
+    for entry in entries:
+        if entry["kind"] == "decisions" and entry["request"]["method"] == method:
+            entry["answer"] = answer
+    resealed(with_entries(members, entries), tmp_path / "run.zip")
+    done = tacevo("replay", "run.zip", cwd=tmp_path, status=1)
+    assert re.search("^(refused|different): ", done.stderr, re.MULTILINE)
 
 
 def test_run_goes_on_only_with_the_part_that_began_it(recorded: Path, tmp_path: Path) -> None:
