@@ -14,7 +14,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, PartError, TacevoError
 from tacevo.parts.kinds import KINDS, Kind
 from tacevo.parts.known import first_line_of, lacking
-from tacevo.parts.registry import Part, find, import_file, names, parts, shadowed
+from tacevo.parts.registry import Part, ambiguous, find, import_file, names, parts, shadowed
 from tacevo.parts.testing import contracts, kind_of
 from tacevo.text import listed, nearest
 
@@ -66,6 +66,7 @@ def _described(kind: Kind) -> str:
     chosen = f"{kind.setting}=NAME" if kind.setting else "all that are installed are used"
     rows = [(part.name, part.origin, _remarked(part)) for part in parts(kind)]
     rows += [(part.name, part.origin, "never used: tacevo has a part of this name") for part in shadowed(kind)]
+    rows += [(part.name, part.origin, "not used: several packages have this name") for part in ambiguous(kind)]
     widths = [max(len(row[column]) for row in rows) for column in range(2)]
     lines = [f"  {name.ljust(widths[0])}  {origin.ljust(widths[1])}  {says}".rstrip() for name, origin, says in rows]
     return "\n".join([f"{kind.name} ({chosen}): {kind.does}", *lines])

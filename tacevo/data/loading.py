@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from tacevo.choices import Normalisation, SplitRule, TargetScaling
 from tacevo.data import dataset as datasets
+from tacevo.data.agreement import check_catalogue, check_picture
 from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
 from tacevo.data.source import check_no_faults, check_readable
@@ -205,7 +206,8 @@ def _assemble(
 
 
 def _check(catalogue: Catalogue) -> None:
-    """Refuse what the protocol cannot split or learn."""
+    """Refuse what is no catalogue, and what the protocol cannot split or learn."""
+    check_catalogue(catalogue)
     if len(catalogue.labels) < MINIMUM_IMAGES:
         expected = f"at least {MINIMUM_IMAGES} images, so that each part of the split has one"
         raise DataError(str(len(catalogue.labels)), place="the data set", expected=expected)
@@ -227,7 +229,9 @@ def make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progre
 
     def make(row: int) -> None:
         try:
-            images[row] = catalogue.pictures[row]()
+            picture = catalogue.pictures[row]()
+            check_picture(picture, catalogue.image_size)  # NumPy would stretch or cast another one without a word
+            images[row] = picture
         except DataError as error:
             errors[row] = error
 

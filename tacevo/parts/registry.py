@@ -130,6 +130,12 @@ def shadowed(kind: Kind) -> Sequence[Part]:
     return [_of(kind, point) for name in kind.ours for point in _installed(kind).get(name, ())]
 
 
+def ambiguous(kind: Kind) -> Sequence[Part]:
+    """Find the parts of installed packages that cannot be used by name, because several packages have it."""
+    several = (points for name, points in sorted(_installed(kind).items()) if name not in kind.ours and len(points) > 1)
+    return [_of(kind, point) for points in several for point in points]
+
+
 @cache
 def _installed(kind: Kind) -> "dict[str, tuple[EntryPoint, ...]]":
     """Return the entry points of a kind's group, by name."""

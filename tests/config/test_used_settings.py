@@ -234,12 +234,12 @@ def test_study_on_other_data_is_looked_into() -> None:
         ("tacverse", "force", "root", False),
         ("numpy", "force", "root", None),
         ("simulated", "grating", "seed", False),
-        ("made up", "grating", "seed", False),
+        ("made up", "grating", "seed", None),
     ],
 )
 def test_settings_say_whether_images_come_in_groups(
     source: str, task: str, setting: str, expected: bool | None
 ) -> None:
-    """By a column, a pattern, or presses that the release names; an archive alone knows whether it has some."""
+    """By a column, a pattern, or presses that the release names; an archive and a user's source know it themselves."""
     settings = dict.fromkeys(field.name for field in fields(DataConfig)) | {"source": source, setting: OTHER[setting]}
     assert are_grouped(settings, task) is expected

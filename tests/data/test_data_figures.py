@@ -26,7 +26,9 @@ FORCES = Greys(
     units=FORCES_UNITS,
     size=16,
 )
-LEVELS = replace(FORCES, labels=tuple((17.5 + 2.5 * (number % 3),) for number in range(60)), names=("shore",))
+LEVELS = replace(
+    FORCES, labels=tuple((17.5 + 2.5 * (number % 3),) for number in range(60)), names=("shore",), units=None
+)
 CLASSES = Greys(count=200, names=("a", "b", "c", "d"), kind=Kind.classification)
 
 

@@ -158,11 +158,6 @@ class Noisy(Shades):
         return np.random.default_rng().integers(0, 255, (3, self.image_size, self.image_size), np.uint8)
 
 
-class OneGroup(Shades):
-    def catalogue(self) -> Catalogue:
-        return replace(super().catalogue(), groups=np.zeros(40, np.int64))
-
-
 def test_sound_source_passes(tmp_path: Path) -> None:
     """With files of its own, too."""
     check(Shades())
@@ -180,7 +175,6 @@ def test_sound_source_passes(tmp_path: Path) -> None:
         (Shuffled, "the same again"),
         (Grey, "makes pictures"),
         (Noisy, "same picture again"),
-        (OneGroup, "split"),
     ],
 )
 def test_source_that_breaks_a_promise_is_found(tmp_path: Path, kind: type[Shades], promise: str) -> None:

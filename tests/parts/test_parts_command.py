@@ -20,17 +20,23 @@ HONEST = ROOT / "tests/support/deciding/honest.py"
 
 
 def test_list_has_every_part_and_imports_none(tmp_path: Path) -> None:
-    """Of a package that offers a name of ours the list says that it is never used."""
+    """Of a package that offers a name of ours, or of another package, the list says that it is not used."""
     shutil.copytree(LAB, tmp_path / "lab")
     with (tmp_path / "lab/mylab.py").open("a") as module:
         module.write("open('imported', 'w')\n")
-    ((status, printed, _),) = run_without("", ["parts"], tmp_path / "none", tmp_path, installed=[tmp_path / "lab"])
+    other = tmp_path / "other/otherlab-2.0.dist-info"
+    other.mkdir(parents=True)
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: otherlab\nVersion: 2.0\n")
+    (other / "entry_points.txt").write_text("[tacevo.providers]\necho = otherlab:Echo\n")
+    installed = [tmp_path / "lab", tmp_path / "other"]
+    ((status, printed, _),) = run_without("", ["parts"], tmp_path / "none", tmp_path, installed=installed)
     assert status == 0
     for kind in KINDS.values():
         for name in kind.ours:
             assert re.search(rf"^  {name} +tacevo +\S", printed, re.MULTILINE), name
     assert re.search(r"^  robot +mylab 1.0 +Two kinds of touch", printed, re.MULTILINE)
     assert re.search(r"^  csv +mylab 1.0 +never used", printed, re.MULTILINE)
+    assert len(re.findall(r"^  echo +(?:mylab 1.0|otherlab 2.0) +not used", printed, re.MULTILINE)) == 2
     assert not (tmp_path / "imported").exists()
 
 

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from tacevo.choices import SplitRule
-from tacevo.data.loading import split_rows
-from tacevo.parts.source import Catalogue, Split
+from tacevo.data.agreement import check_catalogue, check_picture
+from tacevo.parts.source import Catalogue
 from tacevo.parts.testing.contract import Contract, require
-from tacevo.records import Kind
 from tacevo.storage.canonical import canonical
 
 #: How many pictures of a source are made, at most.
@@ -34,7 +32,6 @@ def source_contracts(source: Any) -> list[Contract]:
         Contract("lists the same again", tested.lists_again),
         Contract("makes pictures of uint8 and shape (3, size, size)", tested.makes),
         Contract("makes the same picture again, in any order and in several threads", tested.makes_again),
-        Contract("can be split at random without cutting a group", tested.splits),
     ]
 
 
@@ -67,23 +64,8 @@ class _Tested:
 
     def fits(self) -> None:
         """A catalogue agrees with itself."""
-        listed = self._catalogue()
-        count = len(listed.labels)
-        require(isinstance(listed, Catalogue), "a tacevo.parts.source.Catalogue", type(listed).__name__)
-        require(count > 0, "at least one image", count)
-        _check_labels(listed)
-        require(len(set(listed.names)) == len(listed.names), "names that differ", listed.names)
-        size = listed.image_size
-        require(type(size) is int and size > 0, "an image_size of at least 1 pixel", size)
-        for name in ("pictures", "groups", "files", "places", "depths", "extents"):
-            values = getattr(listed, name)
-            fits = values is None or len(values) == count or (name in {"depths", "extents"} and len(values) == 0)
-            require(fits, f"{count} {name}, as there are labels", values if fits else len(values))
-        if listed.groups is not None:
-            require(listed.groups.dtype == np.int64, "groups of int64", listed.groups.dtype)
-        for split in (listed.release, listed.dealt):
-            if split is not None:
-                _check_split(split, count)
+        check_catalogue(self._catalogue())
+        require(len(self._catalogue().labels) > 0, "at least one image", "none")
 
     def lists_again(self) -> None:
         """The order does not depend on the day."""
@@ -97,12 +79,8 @@ class _Tested:
     def makes(self) -> None:
         """Some pictures, the first and the last among them."""
         listed = self._catalogue()
-        shape = (3, listed.image_size, listed.image_size)
         for row in _some(len(listed.pictures)):
-            picture = listed.pictures[row]()
-            found = f"{type(picture).__name__} of {getattr(picture, 'dtype', '')} {getattr(picture, 'shape', '')}"
-            is_one = isinstance(picture, np.ndarray) and picture.dtype == np.uint8 and picture.shape == shape
-            require(is_one, f"an array of uint8 {shape} in row {row}", found)
+            check_picture(listed.pictures[row](), listed.image_size)
 
     def makes_again(self) -> None:
         """Here in their order, and then by threads in the other."""
@@ -114,42 +92,10 @@ class _Tested:
         differing = [row for row in rows if not np.array_equal(first[row], again[row])]
         require(not differing, "the same pictures again", f"others in rows {differing}")
 
-    def splits(self) -> None:
-        """As a search splits it."""
-        listed = self._catalogue()
-        split = split_rows(listed, SplitRule.random, 0)
-        _check_split(split, len(listed.labels))
-        if listed.groups is not None and listed.dealt is None:
-            parts = [set(listed.groups[rows].tolist()) for rows in (split.train, split.validation, split.test)]
-            require(sum(map(len, parts)) == len(set.union(*parts)), "groups in one part each", "one in several")
-
     def _catalogue(self) -> Catalogue:
         if self._listed is None:
             self._listed = self._source.catalogue()
         return self._listed
-
-
-def _check_labels(listed: Catalogue) -> None:
-    labels, names = listed.labels, listed.names
-    found = f"{labels.dtype} {labels.shape}"
-    if listed.kind is Kind.classification:
-        fits = labels.dtype == np.int64 and labels.ndim == 1
-        require(fits, "labels of a classification: int64 (N,)", found)
-        inside = bool(((labels >= 0) & (labels < len(names))).all())
-        require(inside, f"classes from 0 to {len(names) - 1}, one for each name", f"{labels.min()} to {labels.max()}")
-    else:
-        fits = labels.dtype == np.float64 and labels.shape == (len(labels), len(names))
-        require(fits, f"labels of a regression: float64 (N, {len(names)})", found)
-        require(bool(np.isfinite(labels).all()), "labels that are finite", "one that is not")
-        require(listed.units is None or len(listed.units) == len(names), "a unit of each name, or None", listed.units)
-
-
-def _check_split(split: Split, count: int) -> None:
-    parts = [split.train, split.validation, split.test]
-    rows = np.concatenate(parts)
-    require(sorted(rows.tolist()) == list(range(count)), "a split with each row in one part", "another")
-    rising = all(part.dtype == np.int64 and bool((np.diff(part) > 0).all()) for part in parts)
-    require(rising, "parts of int64, in ascending order", [part.dtype for part in parts])
 
 
 def _some(count: int) -> list[int]:
