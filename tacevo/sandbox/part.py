@@ -73,7 +73,9 @@ class _Recorded(MetaPathFinder, Loader):
     def _import(self, name: str, *arguments: Any, **named: Any) -> ModuleType:
         """Import what a part may: its own modules, and those of `ALLOWED`, whatever else this process has."""
         level = arguments[3] if len(arguments) > 3 else named.get("level", 0)
-        if level == 0 and not (is_allowed(name) or self.find_spec(name) is not None):
+        wanted = [f"{name}.{each}" for each in (arguments[2] if len(arguments) > 2 else named.get("fromlist")) or ()]
+        known = is_allowed(name) or (bool(wanted) and all(map(is_allowed, wanted)))
+        if level == 0 and not (known or self.find_spec(name) is not None):
             raise ImportError(f"a part that decides may not import {name}")
         return __import__(name, *arguments, **named)
 
