@@ -235,7 +235,8 @@ def lent(device: torch.device, sources: Mapping[str, str], *, size: int = SIZE, 
         images_per_second(source, task.contract, device, Precision.tf32, capture=capturing, steps=1, batch=batch)
         if device.type == "cuda":
             peak = torch.cuda.max_memory_reserved() // 2**20
-        rows.append([name, f"{guess:,}", f"{peak:,}", f"{peak / (guess or 1):.2f}"])
+        told = ["not known", f"{peak:,}", "-"] if guess is None else [f"{guess:,}", f"{peak:,}", f"{peak / guess:.2f}"]
+        rows.append([name, *told])
     return table(["network", "MiB predicted", "MiB at most", "of it"], rows)
 
 

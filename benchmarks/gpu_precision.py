@@ -100,7 +100,11 @@ def compared(plain: Fitnesses, others: Mapping[str, Fitnesses]) -> str:
     """Compare fitnesses with those of float32, in a table; a row needs two networks that trained both times."""
     rows = []
     for name, fitnesses in others.items():
-        pairs = [(one, other) for one, other in zip(plain, fitnesses, strict=True) if one and other is not None]
+        pairs = [
+            (one, other)
+            for one, other in zip(plain, fitnesses, strict=True)
+            if one is not None and other is not None and one > 0
+        ]
         ratios = sorted(other / one for one, other in pairs)
         rank = spearmanr([one for one, _ in pairs], [other for _, other in pairs]).statistic
         shown = [f"{rank:.3f}", *(f"{value:.4f}" for value in (statistics.median(ratios), ratios[0], ratios[-1]))]

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from tacevo.config.schema import RunConfig
+from tacevo.errors import ConfigError
 from tacevo.parts.kinds import EXECUTORS, PROVIDERS, SOURCES, TRACKERS, Kind
 from tacevo.parts.making import Given, made
-from tacevo.parts.registry import find
+from tacevo.parts.registry import Part, find
 from tacevo.records import Json, to_json
 
 #: Kinds whose settings name one part, which decides no results.
@@ -43,9 +44,12 @@ class OpenPart:
 
 def names_open(plain: Mapping[str, Any]) -> bool:
     """Answer whether a composed configuration names a part that decides nothing and is not ours."""
-    return any(
-        plain[group][name] not in kind.ours for kind in _KINDS for group, _, name in [kind.setting.partition(".")]
-    )
+    for kind in _KINDS:
+        group, _, setting = kind.setting.partition(".")
+        name = plain[group][setting]
+        if isinstance(name, str) and name not in kind.ours:
+            return True
+    return False
 
 
 def open_parts(plain: Mapping[str, Any]) -> list[OpenPart]:
@@ -59,6 +63,7 @@ def open_parts(plain: Mapping[str, Any]) -> list[OpenPart]:
         group, _, setting = kind.setting.partition(".")
         name = plain[group][setting]
         if isinstance(name, str) and name not in kind.ours:
+            name_file(name)
             part = find(kind, name)
             loaded = part.load()
             known = fields(loaded) if is_dataclass(loaded) else ()
@@ -75,9 +80,29 @@ def _default(setting: Field[Any]) -> Json:
     return default
 
 
+#: Files with parts that the user of this process has named: those of a recorded configuration may be a stranger's.
+_NAMED: set[str] = set()
+
+
+def name_file(value: str) -> None:
+    """Note that the user of this process names a part, as a setting or in a configuration that he composes."""
+    _NAMED.add(value)
+
+
+def _check_named(part: Part, name: str) -> None:
+    if part.file is not None and name not in _NAMED:
+        raise ConfigError(
+            f"{name}, a file that only the record names",
+            place=part.kind.setting,
+            expected="a part whose code the user of this machine names",
+            remedy=f"read that file; if you trust it, name it: {part.kind.setting}={name}",
+        )
+
+
 def part_of(config: RunConfig, kind: Kind, *, prices: Any = None) -> Any:
     """Import and make the part of a kind that a configuration chooses; raises as `tacevo.parts.making.made`."""
-    part = find(kind, chosen(config, kind))
+    part = find(kind, name := chosen(config, kind))
+    _check_named(part, name)
     group = kind.setting.partition(".")[0]
     settings = getattr(config, group)
     given = Given(

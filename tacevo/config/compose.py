@@ -22,7 +22,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from tacevo.choices import Device
 from tacevo.config.arms import check_change, read_arm, split_arm
-from tacevo.config.chosen import check_parts, names_open, open_parts
+from tacevo.config.chosen import check_parts, name_file, names_open, open_parts
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
 from tacevo.config.own_parts import check_setting, checked, defaults, names_own, own_parts, with_names
 from tacevo.config.plain import converted, from_plain, near
@@ -89,7 +89,8 @@ def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]
     _check_settings(overrides)
     overrides = [each for each in overrides if each != "experiment=null"]  # the default, which Hydra cannot be told
     choice, others = split_arm(overrides)
-    arm = read_arm(choice)
+    arm = dict(read_arm(choice))
+    of_arm = arm.pop("parts", None) or {}
     own = [each for each in others if _is_of_parts(each)]
     others = [each for each in others if each not in own]
     with _hydra([*groups(), *keys()], overrides):
@@ -97,7 +98,7 @@ def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]
         if arm:
             check_change(choice, arm, _plain(composed))
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
-        plain = _with_own_parts(_plain(composed), own)
+        plain = _with_own_parts(_plain(composed), own, cast(dict[str, Any], of_arm))
         config = _with_prices_here(from_plain(plain), overrides)
         check_parts(config)
         without = [each for each in others if not _names_any(each, unused(config))]
@@ -111,13 +112,13 @@ def _is_of_parts(override: str) -> bool:
     return override.startswith("parts.")
 
 
-def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str]) -> dict[str, Json]:
+def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str], arm: dict[str, Any]) -> dict[str, Json]:
     """Return a configuration with the parts that its user brought: their code, and their settings.
 
     Those are composed by Hydra over the defaults that each part states; overrides of parts that are not chosen here,
     but are installed, have no effect, so that a sweep can set what one of its arms has.
     """
-    given = plain.get("parts") or {}
+    given = {**cast(dict[str, Any], plain.get("parts") or {}), **arm}
     if not (overrides or given or names_own(plain) or names_open(plain)):
         return plain
     found, others = own_parts(plain), [part for part in open_parts(plain) if part.settings]
@@ -130,12 +131,22 @@ def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str]) -> dict[st
         name, _, setting = override.partition("=")[0].removeprefix("parts.").partition(".")
         check_setting((*found, *others), name, setting)
     laid = [each for each in overrides if each.partition("=")[0].split(".")[1] in chosen]
-    ConfigStore.instance().store(
-        name="parts", node={"parts": defaults(found) | {part.name: dict(part.settings) for part in others}}
-    )
-    composed = hydra_compose("parts", overrides=laid)
-    merged = {**_plain(cast(DictConfig, OmegaConf.merge(composed, {"parts": given})))} if given else _plain(composed)
-    settings = cast(dict[str, Any], merged["parts"])
+    # Defaults are data of a part, and no text for OmegaConf, which would resolve what stands in `${...}`.
+    usual: dict[str, dict[str, Any]] = {part.name: dict(part.settings) for part in others}
+    usual |= cast(dict[str, dict[str, Any]], defaults(found))
+    unset = {name: {setting: None for setting in values} for name, values in usual.items()}
+    ConfigStore.instance().store(name="parts", node={"parts": unset})
+    laid_over = cast(dict[str, Any], _plain(hydra_compose("parts", overrides=laid))["parts"])
+    settings: dict[str, dict[str, Any]] = {}
+    for name, values in usual.items():
+        of_files = given.get(name) or {}
+        for setting in of_files:
+            check_setting((*found, *others), name, setting)
+        said = {**values, **of_files, **{key: value for key, value in laid_over[name].items() if value is not None}}
+        lacking = next((key for key, value in said.items() if value == "???"), None)
+        if lacking is not None:
+            raise ConfigError("nothing", place=f"parts.{name}.{lacking}", expected="a value: it has no default")
+        settings[name] = said
     outer: dict[str, Json] = {part.name: settings[part.name] for part in others}
     return {**with_names(plain, found), "parts": {**checked(found, settings), **outer}}
 
@@ -209,6 +220,9 @@ def compose_elsewhere(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
             expected = f"settings of data, or {', '.join(DEVICE)}: all others are the run's"
             raise ConfigError(override, place=override.partition("=")[0], expected=expected)
     of_data = [override for override in overrides if is_of_data(override)]
+    for override in of_data:
+        if override.startswith("data.source="):
+            name_file(override.partition("=")[2].strip("'\""))
     on = [override for override in overrides if override not in of_data]
     config = _on_device(config, on) if on else config
     return _with_data(config, of_data) if of_data else config

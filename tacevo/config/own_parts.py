@@ -4,6 +4,7 @@ Nothing of them runs in this process: a confined one says which settings a part 
 """
 
 import json
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -117,7 +118,8 @@ def checked(found: Iterable[OwnPart], given: Mapping[str, Any]) -> dict[str, dic
             check_setting(found, part.name, name)
             key, known = f"parts.{part.name}.{name}", part.settings[name]
             values[name] = float(value) if known.type == "float" and type(value) is int else value
-            if type(values[name]).__name__ != known.type:
+            is_number = not isinstance(values[name], float) or math.isfinite(values[name])
+            if type(values[name]).__name__ != known.type or not is_number:
                 raise ConfigError(json.dumps(value), place=key, expected=_WORDS[known.type])
         _accept(part, values)
         settings[part.name] = values
@@ -165,6 +167,8 @@ def _short(value: Any) -> Any:
 
 
 def _described(part: Part) -> OwnPart:
+    if part.name in part.kind.ours:
+        raise ConfigError(part.name, place=part.kind.setting, expected="a class whose name is not one of ours")
     sources = read_sources(part)
     sha256 = code_hash(part.module, part.attribute, sources)
     remember(sha256, sources)

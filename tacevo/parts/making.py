@@ -88,5 +88,6 @@ def _from_fields(kind: type[Any], part: Part, given: Given) -> Any:
         return convert(kind, values, place="", error=ConfigError)
     except ConfigError as error:
         key = error.place.partition(".")[0]
-        error.place = f"{given.group if key in common else f'parts.{part.name}'}.{error.place}"
+        group = f"parts.{part.name}" if key not in common else "task" if key == "task" else given.group
+        error.place = f"{group}.name" if key == "task" else f"{group}.{error.place}"
         raise

@@ -207,7 +207,7 @@ def missing(error: ImportError, *, place: str = "", extra: str = "") -> ConfigEr
     if extra:
         remedy = install(extra)
     elif library in {"tacevo", "analysis"}:
-        remedy = "it is a part of tacevo that this installation was made without"
+        remedy = "this installation of tacevo was made without that part; in a clone: pip install -e ."
     else:
         remedy = f"install {library}" if library else ""
     got = f"no module {name}" if name else str(error)

@@ -5,6 +5,7 @@ A run records them, and nothing else of the part is ever executed: an import of 
 
 import ast
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -17,6 +18,9 @@ from tacevo.parts.registry import Part
 #: The most that a part may be, in bytes and in files: it is part of each run and bundle that it decides in.
 MOST_BYTES, MOST_FILES = 1_000_000, 200
 
+
+#: Names that no module of a part may have: another one would be imported in its place.
+_TAKEN = sys.stdlib_module_names | {"numpy", "tacevo"}
 
 #: Sources by their hash: a configuration names a part by that, and the run writes them into its directory.
 _REMEMBERED: dict[str, dict[str, str]] = {}
@@ -41,6 +45,8 @@ def read_sources(part: Part) -> dict[str, str]:
         ConfigError: a file cannot be read, is no Python, or imports what a part that decides may not.
     """
     root, own = _root(part)
+    if part.file is not None and not part.file.stem.isidentifier():
+        raise ConfigError(part.file.name, place=part.place, expected="a file whose name is a name in Python")
     texts: dict[str, str] = {}
     pending = [part.module]
     while pending:
@@ -48,6 +54,9 @@ def read_sources(part: Part) -> dict[str, str]:
         for file in _files(root, module):
             if file.as_posix() in texts:
                 continue
+            if file.parts[0].removesuffix(".py") in _TAKEN:
+                expected = "another name: Python or a library has a module of this one"
+                raise ConfigError(str(file), place=part.place, expected=expected)
             text = texts[file.as_posix()] = _read(part, root / file)
             _check_size(part, texts)
             for each in _imports(f"{part.place}, {file}", file, text):
@@ -135,8 +144,8 @@ def _imports(place: str, file: PurePosixPath, text: str) -> Iterator[_Import]:
     """Yield what a text imports, wherever it does; refuse what is no Python, and the clock of NumPy."""
     try:
         tree = ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError) as error:
-        raise ConfigError(str(error), place=place, expected="Python") from error
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise ConfigError(str(error) or "text that is nested too deeply", place=place, expected="Python") from error
     package = list(file.parent.parts)
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute | ast.Constant | ast.alias) and _is_clock(node):
@@ -147,7 +156,8 @@ def _imports(place: str, file: PurePosixPath, text: str) -> Iterator[_Import]:
         elif isinstance(node, ast.ImportFrom):
             above = package[: len(package) - node.level + 1] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])
-            if base:
+            named = [f"{base}.{alias.name}" for alias in node.names]
+            if base and not all(map(is_allowed, named)):  # else it is a package of which only these are imported
                 yield _Import(base, node.lineno)
             for alias in node.names:  # each may be a module, which `_files` then finds
                 yield _Import(".".join(filter(None, (base, alias.name))), node.lineno)
@@ -161,7 +171,7 @@ def _is_clock(node: ast.Attribute | ast.Constant | ast.alias) -> bool:
 
 def _read(part: Part, path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(str(error), place=part.place, expected="sources that can be read, in UTF-8") from error
 

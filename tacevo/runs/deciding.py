@@ -88,7 +88,7 @@ class Decisions:
         recorded = self._store.find(request)
         if recorded is None:
             return self._store.keep(request, self._process.ask(part, method, given))
-        if self.trusts and (now := self._process.ask(part, method, given)) != recorded:
+        if self.trusts and canonical(now := self._process.ask(part, method, given)) != canonical(recorded):
             expected = f"{canonical(now)[:200]}, which its recorded sources decide"
             raise DivergenceError(canonical(recorded)[:200], place=f"{part.place}, {method}", expected=expected)
         return recorded

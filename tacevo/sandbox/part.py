@@ -5,9 +5,11 @@ among its recorded sources.
 """
 
 import builtins
+import contextlib
 import dataclasses
 import importlib
 import math
+import operator
 import random
 import sys
 import time
@@ -26,8 +28,12 @@ from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.protocol import Header
 
-for _module in sorted(ALLOWED):
-    importlib.import_module(_module)
+#: What NumPy and Python import when it is first needed, which a confined process could not.
+_LATE = ("ma", "fft", "polynomial", "typing", "char", "rec", "strings", "random", "linalg")
+
+for _module in [*sorted(ALLOWED), *(f"numpy.{name}" for name in _LATE), "unicodedata", "numpy.lib.stride_tricks"]:
+    with contextlib.suppress(ImportError):  # not every NumPy has all of them
+        importlib.import_module(_module)
 
 #: The types of settings.
 TYPES: Mapping[str, type] = {"int": int, "float": float, "bool": bool, "str": str}
@@ -67,7 +73,9 @@ class _Recorded(MetaPathFinder, Loader):
     def _import(self, name: str, *arguments: Any, **named: Any) -> ModuleType:
         """Import what a part may: its own modules, and those of `ALLOWED`, whatever else this process has."""
         level = arguments[3] if len(arguments) > 3 else named.get("level", 0)
-        if level == 0 and not (is_allowed(name) or self.find_spec(name) is not None):
+        wanted = [f"{name}.{each}" for each in (arguments[2] if len(arguments) > 2 else named.get("fromlist")) or ()]
+        known = is_allowed(name) or (bool(wanted) and all(map(is_allowed, wanted)))
+        if level == 0 and not (known or self.find_spec(name) is not None):
             raise ImportError(f"a part that decides may not import {name}")
         return __import__(name, *arguments, **named)
 
@@ -140,10 +148,20 @@ def _describe(made: type[Any], constants: Sequence[str]) -> Json:
     """Return the settings of a part with their types and defaults, and the constants of its class."""
     fields: dict[str, Json] = {}
     for field in dataclasses.fields(made):
+        if field.name in constants:
+            raise TypeError(f"expected settings beside {field.name}, which is a constant of the class: use ClassVar")
+        if not field.init:
+            continue
         kind = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", str(field.type))
         if kind not in TYPES:
             raise TypeError(f"expected a setting {field.name} of type {', '.join(TYPES)}; got {kind}")
-        default: Json = None if field.default is dataclasses.MISSING else field.default
+        default = field.default
+        if field.default_factory is not dataclasses.MISSING:
+            default = field.default_factory()
+        if default is dataclasses.MISSING:
+            default = None
+        elif type(default).__name__ != kind and not (kind == "float" and type(default) is int):
+            raise TypeError(f"expected a default of {field.name} that is {kind}; got {default!r}")
         fields[field.name] = {"type": kind, "default": default}
     return {"fields": fields, "constants": {name: getattr(made, name) for name in constants}}
 
@@ -214,7 +232,15 @@ def _points(centroids: Any) -> Json:
     return [[_finite(value) for value in point] for point in centroids]
 
 
+def _index(value: Any) -> int:
+    if isinstance(value, bool):
+        raise TypeError(f"expected an index; got {value!r}")
+    return operator.index(value)
+
+
 def _finite(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise TypeError(f"expected a number; got {value!r}")
     number = float(value)
     if not math.isfinite(number):
         raise ValueError(f"expected a finite number; got {number}")
@@ -236,7 +262,7 @@ class Method:
 METHODS: Mapping[str, Method] = {
     "parents.pool": Method("pool", _pool, _ids),
     "parents.draw": Method("draw", _draw_parents, _ids),
-    "prompts.draw": Method("draw", _draw_prompt, int),
+    "prompts.draw": Method("draw", _draw_prompt, _index),
     "temperatures.next": Method("next", _next, _finite),
     "fitness.of": Method("of", _of, _finite),
     "descriptors.describe": Method("describe", _describe_network, _finite),

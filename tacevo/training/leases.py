@@ -53,8 +53,9 @@ class Leases:
     With a number, so many share a GPU. Without one, memory is lent: as many train as fit by what is predicted, and no
     process can take more than it was lent, so that none disturbs another. What a training does under less than its
     recipe's memory counts only where it ended well and nothing was refused it. Otherwise it is made again with all of
-    that, so that a verdict never follows from a prediction, nor from what ran beside it. Even where torch goes on
-    without the memory, with a convolution that needs less, bits are those that the recipe gives.
+    that, so that a verdict does not follow from a prediction, nor from what ran beside it; only `out_of_time` stands.
+    Even where torch goes on without the memory, with a convolution that needs less, bits are those that the recipe
+    gives.
 
     Args:
         run: runs jobs, as `Sandbox.run` does; it has the entry `LOOK`.

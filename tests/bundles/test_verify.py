@@ -63,10 +63,6 @@ def verify_at(bundle: Path) -> None:
         verify(place, lambda run, store: {}, view)
 
 
-#: Kinds of entries that a bundle without parts of a user's has.
-ASKED = [kind for kind in KINDS if kind != "decisions"]
-
-
 def few_of(names: Sequence[str], contents: Sequence[Any]) -> list[ParameterSet]:
     """Pair each content with one name; all other pairs are brute force."""
     return [
@@ -352,7 +348,10 @@ def test_nonsense_is_refused_without_a_traceback(
 
 @pytest.mark.parametrize(
     ("kind", "answer"),
-    few_of(ASKED, [None, [], {}, "text", 5, [[1]], {"training": 1, "profile": 2, "rejection": 3}]),
+    few_of(
+        [kind for kind in KINDS if kind != "decisions"],
+        [None, [], {}, "text", 5, [[1]], {"training": 1, "profile": 2, "rejection": 3}],
+    ),
 )
 def test_answer_of_no_known_form_is_refused(
     answer: Any, kind: str, whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -3,6 +3,8 @@
 import json
 import re
 import shutil
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,7 +21,7 @@ from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
 from tacevo.bundles.format import sealed
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, PartError
-from tacevo.parts.kinds import PARENTS
+from tacevo.parts.kinds import PARENTS, PROMPTS
 from tacevo.parts.registry import find
 from tacevo.parts.sources import read_sources
 from tacevo.records import Json, Limits
@@ -284,6 +286,62 @@ def test_settings_of_a_part_are_checked(setting: str, place: str, expected: str,
     """By their types, when a search is composed."""
     with refused(ConfigError, place=place, expected=expected, got=got):
         compose(["experiment=demo", f"proposals.parents={HONEST}:Greedy", setting])
+
+
+def test_default_of_a_part_is_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing in it is resolved: a secret of the environment would stand in the run."""
+    monkeypatch.setenv("SECRET", "sk-very-secret")
+    head = "from dataclasses import dataclass, field\nfrom tacevo import parts\n\n@dataclass(frozen=True)\n"
+    body = "class Rule(parts.Parents):\n    note: str = '${oc.env:SECRET}'\n    k: int = field(default_factory=int)\n"
+    (tmp_path / "rule.py").write_text(f"{head}{body}")
+    config = compose(["experiment=demo", f"proposals.parents={tmp_path}/rule.py:Rule"])
+    assert config.parts == {"Rule": {"note": "${oc.env:SECRET}", "k": 0}}
+
+
+@pytest.mark.parametrize("name", ["random.py", "json.py", "numpy.py", "a-b.py", "a.v2.py"])
+def test_file_that_python_could_take_for_another_is_refused(tmp_path: Path, name: str) -> None:
+    """Or could not import by its name."""
+    (tmp_path / name).write_text("x = 1\n")
+    with refused(ConfigError, place="proposals.parents", expected="name"):
+        compose(["experiment=demo", f"proposals.parents={tmp_path}/{name}:Rule"])
+
+
+@pytest.mark.parametrize("answer", ["'0.5'", "True", "1.0", "None", "[0]"])
+def test_answer_of_another_type_is_no_decision(process: PartProcess, answer: str) -> None:
+    """It is refused, and not made to fit."""
+    text = "from dataclasses import dataclass\nfrom tacevo.parts import Prompts\n@dataclass(frozen=True)\n"
+    text += f"class Rule(Prompts):\n    def draw(self, history, pool, rng):\n        return {answer}\n"
+    rule = Recorded(kind=PROMPTS, name="Rule", module="rule", attribute="Rule", sources={"rule.py": text})
+    with pytest.raises(PartError):
+        process.ask(rule, "prompts.draw", {"trials": [], "changes": {}, "pool": [0, 1], "rng": [1, 2]})
+
+
+def test_part_has_all_of_numpy(process: PartProcess) -> None:
+    """Also what NumPy imports when it is first needed."""
+    rule = part("return [pool[int(np.median([0, 1, 1]) + len(np.unique([1, 1])) + abs(np.fft.fft([0])[0]))]]")
+    assert process.ask(rule, "parents.draw", GIVEN) == ["g00s02"]
+
+
+def test_file_that_only_a_record_names_is_not_loaded(recorded: Path, tmp_path: Path) -> None:
+    """A run may be a stranger's, and name a file that lies where its reader stands."""
+    shutil.copytree(recorded / "run", tmp_path / "run")
+    (tmp_path / "evil.py").write_text("open('ran', 'w').close()\n")
+    file = tmp_path / "run/run.json"
+    record = json.loads(file.read_text())
+    record["config"]["data"]["source"] = "evil.py:Source"
+    record["config"]["executor"]["kind"] = "evil.py:Executor"
+    record["config"]["tracking"]["kind"] = "evil.py:Tracker"
+    file.write_text(json.dumps(record))
+    for command in ("report run", "figures run", "study run elites=1 seeds=2", "noise run", "show run", "tables run"):
+        done = subprocess.run(
+            [sys.executable, "-m", "tacevo", *command.split()],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert "Traceback" not in done.stderr
+        assert not (tmp_path / "ran").exists(), command
 
 
 def test_settings_of_a_part_are_part_of_the_run() -> None:
