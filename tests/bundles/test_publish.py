@@ -107,11 +107,7 @@ def test_bundle_holds_all_that_was_asked_for(published: Path) -> None:
     assert kept | {f"run/studies/{study.name}/{name}" for name in ("study.json", "scores.jsonl")} <= members.keys()
     for name in ("ledger.jsonl", "archive.json", "prompts.json", "summary.md", "timings.jsonl"):
         assert members[f"run/{name}"] == (published / "run" / name).read_bytes()
-<<<<<<< HEAD
-    assert {entry["kind"] for entry in entries_of(members)} == set(KINDS) - {"decisions"}  # those of a user's parts
-=======
     assert {entry["kind"] for entry in entries_of(members)} == {*SEARCHED, "arrays", "studies"}
->>>>>>> main
     assert {
         "tables/index.md",
         "tables/gate.csv",
