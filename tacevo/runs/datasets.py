@@ -14,9 +14,11 @@ from tacevo.data.loading import load
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, DataError
 from tacevo.parts.kinds import SOURCES
+from tacevo.parts.registry import find
 from tacevo.parts.registry import load as load_part
 from tacevo.parts.source import Catalogue, Source
 from tacevo.records import DataFacts, Task
+from tacevo.runs.brought_source import BroughtSource
 from tacevo.runs.progress import Progress
 from tacevo.sandbox.client import RunJob
 from tacevo.training.evaluation import Evaluator, Examples
@@ -75,7 +77,8 @@ def source_of(config: RunConfig) -> Source:
             remedy="`tacevo.open_table(FILE).scores` are the test scores of all its networks",
         )
     source: Source = part_of(config, SOURCES)
-    return source
+    part = find(SOURCES, config.data.source)
+    return source if part.is_ours else BroughtSource(part, source)
 
 
 def trivial_of(config: RunConfig, task: Task, data: Dataset) -> float:
