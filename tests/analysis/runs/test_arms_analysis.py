@@ -65,7 +65,7 @@ def test_elites_without_niches_are_counted_in_places() -> None:
     ("run", "niches", "words"),
     [
         (best_of_all(), NO_NICHES, "no network_map: archive.kind=best"),
-        (one_axis(0.1, 0.9), replace(NO_NICHES, networks=TENTHS), "no network_map: archive.axes has eff_ratio only"),
+        (one_axis(0.1, 0.9), replace(NO_NICHES, networks=TENTHS), "no network_map: archive.axes=eff_ratio"),
     ],
 )
 def test_map_that_would_mean_nothing_is_left_out_and_said(run: RecordedRun, niches: Niches, words: str) -> None:
