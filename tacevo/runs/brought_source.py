@@ -45,7 +45,9 @@ def _blaming(part: Part, call: Callable[[], T]) -> T:
     except TacevoError:
         raise
     except Exception as error:
-        last = extract_tb(error.__traceback__)[-1]
+        frames = extract_tb(error.__traceback__)
+        own = [frame for frame in frames if part.file is not None and Path(frame.filename).name == part.file.name]
+        last = (own or frames)[-1]
         raise DataError(
             f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})",
             place=part.place,
