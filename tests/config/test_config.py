@@ -176,7 +176,7 @@ def test_ends_of_a_range_are_possible(key: str, value: Any) -> None:
         ),
         (["archive.axes=[]"], "archive.axes", "one axis or more, each once"),
         (["archive.axes=[eff_ratio,arch_div]"], "archive.axes", "one axis or more, each once"),
-        (["archive.axes=[depth]"], "archive.axes.0", "'arch_div' or 'eff_ratio'"),
+        (["archive.axes=[depth]"], "archive.axes", "one of arch_div, eff_ratio, or FILE.py:CLASS"),
         (["archive.kind=best", "archive.axes=[arch_div]"], "archive.axes", "with archive.kind=best"),
         (["proposals.parents=baseline"], "proposals.mutation_probability", "1 with proposals.parents=baseline"),
         (["proposals.parents=none"], "proposals.mutation_probability", "1 with proposals.parents=none"),
