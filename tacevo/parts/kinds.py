@@ -6,6 +6,9 @@ One of ours is imported when it is used, so what a run does not use may be missi
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+#: The most that a part that decides may be, in bytes and in files: it is part of each run and bundle.
+MOST_BYTES, MOST_FILES = 1_000_000, 200
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Kind:

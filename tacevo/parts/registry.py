@@ -60,7 +60,7 @@ class Part:
             if self.is_ours:
                 raise
             expected = "a module that can be imported"  # it is a stranger's, and may raise anything
-            raise ConfigError(_raised(error), place=self.place, expected=expected) from error
+            raise ConfigError(raised(error), place=self.place, expected=expected) from error
         if not hasattr(module, self.attribute):
             own = [name for name, made in vars(module).items() if getattr(made, "__module__", "") == module.__name__]
             remedy = nearest(self.attribute, own, "")
@@ -180,9 +180,11 @@ def import_file(file: Path) -> ModuleType:
     return module
 
 
-def _raised(error: Exception) -> str:
-    """Say what a module raised when it was imported, and in which line."""
-    last = extract_tb(error.__traceback__)[-1]
+def raised(error: Exception, file_of_part: Path | None = None) -> str:
+    """Say what code of a user's raised, and in which line: the last of its own file, where that is known."""
+    frames = extract_tb(error.__traceback__)
+    own = [frame for frame in frames if file_of_part is not None and Path(frame.filename).name == file_of_part.name]
+    last = (own or frames)[-1]
     file, line = (error.filename, error.lineno) if isinstance(error, SyntaxError) else (last.filename, last.lineno)
     said = error.msg if isinstance(error, SyntaxError) else str(error)
     return f"{type(error).__name__}: {said}, {Path(file or '').name}, line {line}"

@@ -13,11 +13,8 @@ from pathlib import Path, PurePosixPath
 
 from tacevo.errors import ConfigError
 from tacevo.parts.deciding import ALLOWED, is_allowed
+from tacevo.parts.kinds import MOST_BYTES, MOST_FILES
 from tacevo.parts.registry import Part
-
-#: The most that a part may be, in bytes and in files: it is part of each run and bundle that it decides in.
-MOST_BYTES, MOST_FILES = 1_000_000, 200
-
 
 #: Names that no module of a part may have: another one would be imported in its place.
 _TAKEN = sys.stdlib_module_names | {"numpy", "tacevo"}
@@ -96,6 +93,20 @@ def files_of(part: Part) -> list[Path]:
     """
     root, _ = _root(part)
     return [root / file for file in _files(root, part.module)]
+
+
+def code_files(part: Part) -> dict[str, Path]:
+    """List the Python files of a part's package, or beside its file, by their place below where it is imported from.
+
+    Raises:
+        ConfigError: its package is not installed with its sources.
+    """
+    root, own = _root(part)
+    package = root / own
+    files = (
+        root.glob("*.py") if not own else package.rglob("*.py") if package.is_dir() else [package.with_suffix(".py")]
+    )
+    return {file.relative_to(root).as_posix(): file for file in sorted(files)}
 
 
 def remember(sha256: str, sources: Mapping[str, str]) -> None:

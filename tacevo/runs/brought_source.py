@@ -4,15 +4,14 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.util import find_spec
-from pathlib import Path
-from traceback import extract_tb
 from typing import TypeVar
 
 from tacevo.errors import DataError, TacevoError
-from tacevo.parts.registry import Part
+from tacevo.parts.registry import Part, raised
 from tacevo.parts.source import Catalogue, Picture, Source
+from tacevo.parts.sources import code_files
 from tacevo.records import Json
+from tacevo.storage.canonical import content_hash
 
 T = TypeVar("T")
 
@@ -45,11 +44,8 @@ def _blaming(part: Part, call: Callable[[], T]) -> T:
     except TacevoError:
         raise
     except Exception as error:
-        frames = extract_tb(error.__traceback__)
-        own = [frame for frame in frames if part.file is not None and Path(frame.filename).name == part.file.name]
-        last = (own or frames)[-1]
         raise DataError(
-            f"{type(error).__name__}: {error} ({Path(last.filename).name}, line {last.lineno})",
+            raised(error, part.file),
             place=part.place,
             expected="images and labels",
             remedy="`tacevo parts check` tries a source",
@@ -58,15 +54,6 @@ def _blaming(part: Part, call: Callable[[], T]) -> T:
 
 def _code_of(part: Part) -> str:
     """Hash the Python files beside a part in a file, or of its package: 64 hex digits."""
-    if part.file is not None:
-        folder, files = part.file.parent, sorted(part.file.parent.glob("*.py"))
-    else:
-        spec = find_spec(part.module.partition(".")[0])
-        origin = Path(spec.origin) if spec is not None and spec.origin is not None else Path()
-        is_package = spec is not None and bool(spec.submodule_search_locations)
-        folder = origin.parent
-        files = sorted(folder.rglob("*.py")) if is_package else [origin]
-    whole = hashlib.sha256()
-    for file in files:
-        whole.update(f"{file.relative_to(folder)}\n{hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
-    return whole.hexdigest()
+    return content_hash(
+        {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in code_files(part).items()}
+    )

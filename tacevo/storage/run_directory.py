@@ -27,6 +27,7 @@ from annotated_types import Ge
 from tacevo.costs import Spending
 from tacevo.environment import Code
 from tacevo.errors import RunError
+from tacevo.parts.kinds import MOST_BYTES, MOST_FILES
 from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json, written
 from tacevo.rules import FIRST_PAGES
 from tacevo.storage.canonical import canonical, readable
@@ -39,9 +40,6 @@ _ENDINGS = {".py", ".rejected.txt"}
 
 #: The directory of the sources of parts that a user brought: one for each, by its name.
 PARTS = "parts"
-
-#: The most files that a part may have, and the most bytes of one.
-MOST_FILES, _LARGEST_SOURCE = 200, 1_000_000
 
 _MAKES = "`tacevo search` makes one, and prints its name"
 
@@ -212,7 +210,7 @@ class RunDirectory:
             for path in folder.iterdir() if folder.is_dir() and not folder.is_symlink() else ():
                 if path.is_dir():
                     pending.append((path, f"{prefix}{path.name}/"))
-                elif path.is_file() and not path.is_symlink() and path.stat().st_size <= _LARGEST_SOURCE:
+                elif path.is_file() and not path.is_symlink() and path.stat().st_size <= MOST_BYTES:
                     texts[f"{prefix}{path.name}"] = path.read_bytes().decode(errors="replace")
         return {file: texts[file] for file in sorted(texts)} or None
 
