@@ -184,7 +184,7 @@ def _settings(config: RunConfig, kind: Kind, part: Part, loaded: Any) -> dict[st
     """Return the settings of a part that decides: its own; of ours those of its group."""
     if not part.is_ours:
         return dict(config.parts.get(part.name, {}))
-    group = getattr(config, kind.setting.partition(".")[0])
+    group = getattr(config, kind.key[0])
     return {name: getattr(group, name) for name in inspect.signature(loaded).parameters}
 
 

@@ -5,15 +5,16 @@ from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+from tacevo.config.deciding import chosen, not_ours
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.parts.kinds import EXECUTORS, PROVIDERS, SOURCES, TRACKERS, Kind
+from tacevo.parts.kinds import KINDS, Kind
 from tacevo.parts.making import Given, made
 from tacevo.parts.registry import Part, find
 from tacevo.records import Json, to_json
 
 #: Kinds whose settings name one part, which decides no results.
-_KINDS = (PROVIDERS, SOURCES, EXECUTORS, TRACKERS)
+_KINDS = tuple(kind for kind in KINDS.values() if kind.setting and not kind.decides)
 
 
 def check_parts(config: RunConfig) -> None:
@@ -23,14 +24,9 @@ def check_parts(config: RunConfig) -> None:
         ConfigError: one is not there, or refuses its settings.
     """
     for kind in _KINDS:
-        if not find(kind, chosen(config, kind)).is_ours:
+        (name,) = chosen(config, kind)
+        if not find(kind, name).is_ours:
             part_of(config, kind)
-
-
-def chosen(config: RunConfig, kind: Kind) -> str:
-    """Return the name of the part of a kind that a configuration chooses."""
-    group, _, setting = kind.setting.partition(".")
-    return str(getattr(getattr(config, group), setting))
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +40,7 @@ class OpenPart:
 
 def names_open(plain: Mapping[str, Any]) -> bool:
     """Answer whether a composed configuration names a part that decides nothing and is not ours."""
-    for kind in _KINDS:
-        group, _, setting = kind.setting.partition(".")
-        name = plain[group][setting]
-        if isinstance(name, str) and name not in kind.ours:
-            return True
-    return False
+    return any(not_ours(plain, kind) for kind in _KINDS)
 
 
 def open_parts(plain: Mapping[str, Any]) -> list[OpenPart]:
@@ -60,9 +51,8 @@ def open_parts(plain: Mapping[str, Any]) -> list[OpenPart]:
     """
     found = []
     for kind in _KINDS:
-        group, _, setting = kind.setting.partition(".")
-        name = plain[group][setting]
-        if isinstance(name, str) and name not in kind.ours:
+        group, _ = kind.key
+        for name in not_ours(plain, kind):
             name_file(name)
             part = find(kind, name)
             loaded = part.load()
@@ -101,9 +91,10 @@ def _check_named(part: Part, name: str) -> None:
 
 def part_of(config: RunConfig, kind: Kind, *, prices: Any = None) -> Any:
     """Import and make the part of a kind that a configuration chooses; raises as `tacevo.parts.making.made`."""
-    part = find(kind, name := chosen(config, kind))
+    (name,) = chosen(config, kind)
+    part = find(kind, name)
     _check_named(part, name)
-    group = kind.setting.partition(".")[0]
+    group, _ = kind.key
     settings = getattr(config, group)
     given = Given(
         group=group,

@@ -1,23 +1,35 @@
 """The parts that a configuration chooses, where they decide results: ours, and what is recorded of a user's."""
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, FITNESS, PARENTS, PROMPTS, TEMPERATURES, Kind
+from tacevo.parts.kinds import ARCHIVES, KINDS, Kind
 from tacevo.parts.registry import load
 from tacevo.records import Json, written
 from tacevo.storage.canonical import content_hash
 
 #: The kinds whose parts decide.
-DECIDING = (PARENTS, PROMPTS, TEMPERATURES, ARCHIVES, DESCRIPTORS, FITNESS)
+DECIDING = tuple(kind for kind in KINDS.values() if kind.decides)
 
 
 def chosen(config: RunConfig, kind: Kind) -> tuple[str, ...]:
     """Return the names of the parts of a kind that a configuration chooses: one, or of descriptors one an axis."""
-    group, _, setting = kind.setting.partition(".")
+    group, setting = kind.key
     value = getattr(getattr(config, group), setting)
     return tuple(value) if isinstance(value, tuple) else (str(value),)
+
+
+def not_ours(plain: Mapping[str, Any], kind: Kind) -> list[str]:
+    """Return the names at the setting of a kind that are not ours, of a composed configuration.
+
+    What is no text is passed over: it is refused with all settings.
+    """
+    group, setting = kind.key
+    value = plain[group][setting]
+    names = value if isinstance(value, list) else [value]
+    return [name for name in names if isinstance(name, str) and name not in kind.ours]
 
 
 def brought(config: RunConfig) -> Iterator[tuple[Kind, str]]:

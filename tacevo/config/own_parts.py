@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tacevo.config.chosen import OpenPart
-from tacevo.config.deciding import DECIDING, code_hash
+from tacevo.config.deciding import DECIDING, code_hash, not_ours
 from tacevo.config.removed import removed
 from tacevo.errors import ConfigError, PartError
 from tacevo.parts.kinds import KINDS, Kind
@@ -54,7 +54,7 @@ class OwnPart:
 
 def names_own(plain: Mapping[str, Any]) -> bool:
     """Answer whether a composed configuration names a part that decides and is not ours."""
-    return any(_named_here(plain, kind) for kind in DECIDING)
+    return any(not_ours(plain, kind) for kind in DECIDING)
 
 
 def own_parts(plain: Mapping[str, Any]) -> list[OwnPart]:
@@ -63,23 +63,18 @@ def own_parts(plain: Mapping[str, Any]) -> list[OwnPart]:
     Each is remembered with its sources, so that a run can keep them.
 
     Raises:
-        ConfigError: there is none of the name; or it imports what it may not; or two have one name.
+        ConfigError: there is none of the name; or it imports what it may not.
         PartError: its class cannot be made, or has settings that a configuration cannot hold.
         SandboxError: processes cannot be confined here.
     """
-    found = [_described(part) for kind in DECIDING for part in _named(plain, kind)]
-    several = [part.name for part in found]
-    for name in several:
-        if several.count(name) > 1:
-            raise ConfigError(f"two parts {name}", place="parts", expected="parts of different names")
-    return found
+    return [_described(part) for kind in DECIDING for part in _named(plain, kind)]
 
 
 def with_names(plain: Mapping[str, Any], found: Iterable[OwnPart]) -> dict[str, Any]:
     """Return a composed configuration with what a run records of its own parts: their names, code and settings."""
     made = {group: dict(value) if isinstance(value, dict) else value for group, value in plain.items()}
     for kind in DECIDING:
-        group, _, setting = kind.setting.partition(".")
+        group, setting = kind.key
         value = made[group][setting]
         made[group][setting] = [_short(one) for one in value] if isinstance(value, list) else _short(value)
     made["code"] = {
@@ -146,19 +141,11 @@ def check_setting(found: Iterable[OwnPart | OpenPart], name: str, setting: str) 
 
 def _named(plain: Mapping[str, Any], kind: Kind) -> list[Part]:
     found = []
-    for name in _named_here(plain, kind):
+    for name in not_ours(plain, kind):
         if error := removed(f"{kind.setting}={name}"):
             raise error
         found.append(find(kind, name))
     return found
-
-
-def _named_here(plain: Mapping[str, Any], kind: Kind) -> list[str]:
-    """Return the names at the setting of a kind that are not ours; what is no text is refused with all settings."""
-    group, _, setting = kind.setting.partition(".")
-    value = plain[group][setting]
-    names = value if isinstance(value, list) else [value]
-    return [name for name in names if isinstance(name, str) and name not in kind.ours]
 
 
 def _short(value: Any) -> Any:

@@ -31,6 +31,12 @@ class Kind:
     extras: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    def key(self) -> tuple[str, str]:
+        """The group of settings, and the setting in it, that chooses one."""
+        group, _, setting = self.setting.partition(".")
+        return group, setting
+
+    @property
     def group(self) -> str:
         """The group of the entry points by which an installed package offers parts of this kind."""
         return f"tacevo.{self.name}"
