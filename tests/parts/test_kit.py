@@ -45,8 +45,9 @@ def test_sound_parts_that_decide_pass(part: object) -> None:
 
 
 @pytest.mark.parametrize("name", ["Robot", "Echo", "Lab", "Notes", "Widths", "greet"])
-def test_sound_parts_of_every_other_kind_pass(name: str) -> None:
+def test_sound_parts_of_every_other_kind_pass(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A source, a provider, an executor, a tracker, an output and a command."""
+    monkeypatch.chdir(tmp_path)  # where the tracker writes
     settings: dict[str, Any] = {
         "Robot": {"image_size": 32},
         "Echo": {"model": "parrot"},
