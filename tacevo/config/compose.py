@@ -5,25 +5,21 @@ import itertools
 import re
 import shlex
 import sys
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from hydra import compose as hydra_compose
-from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
-from hydra.core.global_hydra import GlobalHydra
-from hydra.core.override_parser import overrides_parser
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
-from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf import DictConfig, OmegaConf
 
 from tacevo.choices import Device
 from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.chosen import check_parts, name_file, names_open, open_parts
-from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
+from tacevo.config.composition import composed, laid_over, parsed
+from tacevo.config.conf_folder import config_file, config_roots, groups
 from tacevo.config.own_parts import check_setting, checked, defaults, names_own, own_parts, with_names
 from tacevo.config.plain import converted, from_plain, near
 from tacevo.config.removed import removed
@@ -62,30 +58,6 @@ def compose(overrides: Sequence[str]) -> RunConfig:
             the source does not use; the error's place is the key as the user wrote it. Or the chosen arm changes
             nothing.
     """
-    return _compose(overrides, _composed)
-
-
-def composer() -> Callable[[Sequence[str]], RunConfig]:
-    """Return what does as `compose`, for the jobs of a sweep: Hydra composes once for all arms and seeds.
-
-    Arms are choices of `ablation`. The files of configs are read once, so it is for one command only.
-    """
-    known: dict[tuple[str, tuple[str, ...]], DictConfig] = {}
-
-    def composed(name: str, overrides: Sequence[str]) -> DictConfig:
-        seeds = [override for override in overrides if _SEED.fullmatch(override)]
-        if len(seeds) != 1:
-            return _composed(name, overrides)
-        key = name, tuple(override for override in overrides if override not in seeds)
-        if key not in known:
-            known[key] = _composed(name, overrides)
-        known[key].seed = int(seeds[0].partition("=")[2])  # as Hydra does, after all files and before `${seed}` is read
-        return known[key]
-
-    return partial(_compose, composed_by=composed)
-
-
-def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]], DictConfig]) -> RunConfig:
     _check_settings(overrides)
     overrides = [each for each in overrides if each != "experiment=null"]  # the default, which Hydra cannot be told
     choice, others = split_arm(overrides)
@@ -94,17 +66,17 @@ def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]
     own = [each for each in others if _is_of_parts(each)]
     others = [each for each in others if each not in own]
     with _hydra([*groups(), *keys()], overrides):
-        composed = composed_by("config", others)
+        chosen = _composed("config", others)
         if arm:
-            check_change(choice, arm, _plain(composed))
-            composed = cast(DictConfig, OmegaConf.merge(composed, arm))
-        plain = _with_own_parts(_plain(composed), own, cast(dict[str, Any], of_arm))
+            check_change(choice, arm, _plain(chosen))
+            chosen = cast(DictConfig, OmegaConf.merge(chosen, arm))
+        plain = _with_own_parts(_plain(chosen), own, cast(dict[str, Any], of_arm))
         config = _with_prices_here(from_plain(plain), overrides)
         check_parts(config)
         without = [each for each in others if not _names_any(each, unused(config))]
         if len(without) < len(others) or "data" in arm:
-            usual = composed_by("config", without)
-            check_used(config, _plain(composed.data), _plain(usual.data))
+            used = _plain(chosen.data)
+            check_used(config, used, _plain(_composed("config", without).data))
     return with_all_sensors(config, others)
 
 
@@ -135,14 +107,13 @@ def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str], arm: dict[
     usual: dict[str, dict[str, Any]] = {part.name: dict(part.settings) for part in others}
     usual |= cast(dict[str, dict[str, Any]], defaults(found))
     unset = {name: {setting: None for setting in values} for name, values in usual.items()}
-    ConfigStore.instance().store(name="parts", node={"parts": unset})
-    laid_over = cast(dict[str, Any], _plain(hydra_compose("parts", overrides=laid))["parts"])
+    given_here = cast(dict[str, Any], _plain(laid_over({"parts": unset}, laid))["parts"])
     settings: dict[str, dict[str, Any]] = {}
     for name, values in usual.items():
         of_files = given.get(name) or {}
         for setting in of_files:
             check_setting((*found, *others), name, setting)
-        said = {**values, **of_files, **{key: value for key, value in laid_over[name].items() if value is not None}}
+        said = {**values, **of_files, **{key: value for key, value in given_here[name].items() if value is not None}}
         lacking = next((key for key, value in said.items() if value == "???"), None)
         if lacking is not None:
             raise ConfigError("nothing", place=f"parts.{name}.{lacking}", expected="a value: it has no default")
@@ -159,7 +130,7 @@ def _with_prices_here(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     return replace(config, llm=replace(config.llm, prices=str(here.absolute())))
 
 
-def compose_estimate(overrides: Sequence[str], read: Callable[[Sequence[str]], RunConfig] = compose) -> RunConfig:
+def compose_estimate(overrides: Sequence[str]) -> RunConfig:
     """Compose what an estimate is of, as `compose`; a model that is not chosen is called `UNCHOSEN`.
 
     Raises:
@@ -167,12 +138,12 @@ def compose_estimate(overrides: Sequence[str], read: Callable[[Sequence[str]], R
     """
     chosen = {override.partition("=")[0] for override in overrides}
     try:
-        return read(overrides)
+        return compose(overrides)
     except ConfigError as error:
         if error.place not in {"llm", "llm.model"} - chosen:
             raise
     missing = {"llm": "openai", "llm.model": f"'{UNCHOSEN}'"}
-    return read([*overrides, *(f"{key}={value}" for key, value in missing.items() if key not in chosen)])
+    return compose([*overrides, *(f"{key}={value}" for key, value in missing.items() if key not in chosen)])
 
 
 def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConfig:
@@ -284,15 +255,15 @@ def _composed(name: str, overrides: Sequence[str]) -> DictConfig:
     Raises:
         ConfigError: tacevo and the user have different files for a choice.
     """
-    own = [as_override("", f"file://{root}").removeprefix("=") for root in config_roots()[1:]]
-    path = f"hydra.searchpath=[{','.join(own)}]"
-    composed = hydra_compose(name, overrides=[*overrides, path], return_hydra_config=True)
-    for group, choice in composed.hydra.runtime.choices.items():
-        if not group.startswith("hydra/"):
-            config_file(f"{group}/{choice}.yaml", group)
-    with open_dict(composed):
-        del composed["hydra"]
-    return composed
+    seeds = [override for override in overrides if _SEED.fullmatch(override)]
+    # One seed stands for all others: a sweep composes once for an arm.
+    alike = ["seed=0" if override in seeds else override for override in overrides]
+    config, choices = composed(name, alike if len(seeds) == 1 else overrides, config_roots())
+    for group, choice in choices.items():
+        config_file(f"{group}/{choice}.yaml", group)
+    if len(seeds) == 1:
+        config.seed = int(seeds[0].partition("=")[2])  # as Hydra does, after all files and before `${seed}` is read
+    return config
 
 
 def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
@@ -309,8 +280,7 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """
     _check_settings(overrides)
     with _hydra([*groups(), *keys()], overrides):
-        parser = overrides_parser.OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
-        return tuple(_values(override) for override in parser.parse_overrides(list(overrides)))
+        return tuple(map(_values, parsed(overrides, config_roots())))
 
 
 def _as_list(override: str) -> str:
@@ -376,10 +346,8 @@ def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "searc
         remedy = "unset it, and leave out -O: Hydra reads settings by assertions"
         raise ConfigError(str(sys.flags.optimize), place="PYTHONOPTIMIZE", expected="no value", remedy=remedy)
     ConfigStore.instance().store(name="schema", node=_defaults(RunConfig))
-    GlobalHydra.instance().clear()
     try:
-        with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
-            yield
+        yield
     except ConfigError:
         raise
     except OverrideParseException as error:

@@ -13,11 +13,10 @@ import re
 import shlex
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 from tacevo.choices import Varied
-from tacevo.config.compose import compose, compose_estimate, composer, spread
+from tacevo.config.compose import compose, compose_estimate, spread
 from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
@@ -73,11 +72,10 @@ def sweep(
     if launcher.remark:
         view.say(launcher.remark)
     shared, own = part(settings, () if into is None else _own_keys(SweepDirectory(Path(into))))
-    read = composer()
-    (first,) = plan(shared, own[:1], read=read).values()
-    directory = SweepDirectory(folder(shared, first, read) if into is None else Path(into))
+    (first,) = plan(shared, own[:1]).values()
+    directory = SweepDirectory(folder(shared, first) if into is None else Path(into))
     terms = settled(directory, asked, first)
-    planned = plan(shared, own, terms.vary, read)
+    planned = plan(shared, own, terms.vary)
     for job, config in planned.items():
         check_temperature(job.overrides, config)
         needed_llm(config)
@@ -85,7 +83,7 @@ def sweep(
         view.say(f"{len(own) - len(planned)} of {len(own)} jobs are the same searches as others, and run once")
     with directory.locked():
         before = directory.read().jobs if directory.is_one else ()
-        _check_one_sweep(directory, shared, terms.vary, [job for job in before if job not in planned], read)
+        _check_one_sweep(directory, shared, terms.vary, [job for job in before if job not in planned])
         known = {job.config: job for job in before}
         jobs = {known.get(job.config, job): config for job, config in planned.items()}  # whatever they were called
         statuses = {job: _check_begun(directory, job, config) for job, config in jobs.items()}
@@ -197,7 +195,7 @@ def plan_unasked(overrides: Sequence[str], vary: Sequence[Varied]) -> dict[Job, 
         ConfigError: as `sweep`.
     """
     shared, own = part(split_launcher(overrides)[1], ())
-    return plan(shared, own, vary, partial(compose_estimate, read=composer()))
+    return plan(shared, own, vary, compose_estimate)
 
 
 def plan(
@@ -253,14 +251,14 @@ def name_job(own: Sequence[str], seed: int) -> str:
     return f"{name}-seed{seed}"
 
 
-def folder(shared: Sequence[str], config: RunConfig, read: _Read) -> Path:
+def folder(shared: Sequence[str], config: RunConfig) -> Path:
     """Name the directory of a sweep after what its jobs share, so that the same command finds it again.
 
     Raises:
         ConfigError: what they share is not a configuration by itself.
     """
     try:
-        common = config_hash(read(shared))
+        common = config_hash(compose(shared))
     except ConfigError as error:
         raise ConfigError(
             f"{error}",
@@ -273,7 +271,7 @@ def folder(shared: Sequence[str], config: RunConfig, read: _Read) -> Path:
 
 
 def _check_one_sweep(
-    directory: SweepDirectory, shared: Sequence[str], vary: Sequence[Varied], before: Sequence[Job], read: _Read
+    directory: SweepDirectory, shared: Sequence[str], vary: Sequence[Varied], before: Sequence[Job]
 ) -> None:
     """Check that the jobs of earlier commands stay the same searches under these shared overrides.
 
@@ -281,7 +279,7 @@ def _check_one_sweep(
     """
     for job in before:
         try:
-            same = config_hash(varied(read([*shared, *job.overrides]), vary, job.seed)) == job.config
+            same = config_hash(varied(compose([*shared, *job.overrides]), vary, job.seed)) == job.config
         except ConfigError:
             same = False
         if not same:

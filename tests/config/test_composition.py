@@ -5,18 +5,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import pytest
 import yaml
+from hydra import compose as hydra_compose
+from hydra import initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import OmegaConf
 from refusals import refused
 from sweeps import composed
 
 from tacevo.choices import SplitRule
-from tacevo.config import compose as composing
-from tacevo.config import conf_folder
-from tacevo.config.compose import compose, compose_study, composer, spread
-from tacevo.config.conf_folder import conf_root, groups
+from tacevo.config import composition, conf_folder
+from tacevo.config.compose import compose, compose_study, spread
+from tacevo.config.conf_folder import conf_root, config_roots, groups
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
@@ -127,10 +129,25 @@ def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: st
     assert {key for key in plain if plain[key] != ablated[key]} == ARMS[ablation]
 
 
-def test_jobs_of_a_sweep_are_composed_as_if_each_was_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Though Hydra composes once for seeds and arms; what follows from the seed follows from that of the job."""
-    compose_next, by_hydra = composer(), Mock(wraps=composing._composed)
-    monkeypatch.setattr(composing, "_composed", by_hydra)
+def by_hydra(overrides: Sequence[str]) -> Any:
+    """Compose a configuration by Hydra's own function, whatever was composed before."""
+    GlobalHydra.instance().clear()
+    path = ",".join(f"'file://{root}'" for root in config_roots()[1:])
+    with initialize_config_dir(str(conf_root()), version_base="1.3"):
+        return OmegaConf.to_container(hydra_compose("config", [*overrides, f"hydra.searchpath=[{path}]"]), resolve=True)
+
+
+@pytest.mark.few(12)
+@pytest.mark.parametrize(("group", "choice"), CHOICES)
+def test_what_is_composed_is_what_hydra_composes(group: str, choice: str) -> None:
+    """Hydra's groups for applications are left out, and files are read once: nothing else differs."""
+    overrides = [f"{group}={choice}", *NEEDED.get((group, choice), []), "archive.niches=7", "data.classes=[1,2]"]
+    config, _ = composition.composed("config", overrides, config_roots())
+    assert OmegaConf.to_container(config, resolve=True) == by_hydra(overrides)
+
+
+def test_jobs_of_a_sweep_are_composed_as_if_each_was_alone() -> None:
+    """Though one composition stands for all seeds; what follows from the seed follows from that of the job."""
     shared = ["experiment=published_grating", "data.sensor_seed=${seed}"]
     jobs = [
         *([f"ablation={arm}", f"seed={seed}"] for arm in ("none", "drift") for seed in (0, 7, 12)),
@@ -138,16 +155,30 @@ def test_jobs_of_a_sweep_are_composed_as_if_each_was_alone(monkeypatch: pytest.M
         ["seed=1", "seed=2"],
         [],
     ]
-    configs = [compose_next([*shared, *own]) for own in jobs]
-    assert by_hydra.call_count == 4
-    assert configs == [compose([*shared, *own]) for own in jobs]
-    assert [config.data.sensor_seed for config in configs] == [0, 7, 12, 0, 7, 12, 3, 0, 2, 0]
+    configs = [compose([*shared, *own]) for own in jobs]
+    seeds = [0, 7, 12, 0, 7, 12, 3, 0, 2, 0]
+    assert [(config.seed, config.data.sensor_seed) for config in configs] == [(seed, seed) for seed in seeds]
+    for config, own in zip(configs[6:], jobs[6:], strict=True):
+        assert to_json(config.data).items() <= by_hydra([*shared, *own])["data"].items()
     for wrong in ("seed=-1", "seed=x", "seed=007x"):
         with refused(ConfigError, place="seed"):
-            compose_next([*shared, wrong])
+            compose([*shared, wrong])
     for seed in (0, 1):
         with refused(ConfigError, place="data.root"):  # which simulated images have no use for
-            compose_next([*shared, f"seed={seed}", "data.root=images"])
+            compose([*shared, f"seed={seed}", "data.root=images"])
+
+
+def test_file_that_changes_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files are read once as long as they stay the same: one of the user's own that is edited, or goes, is noticed."""
+    monkeypatch.setenv("TACEVO_CONFIG_DIR", str(tmp_path))
+    mine = tmp_path / "training" / "mine.yaml"
+    mine.parent.mkdir()
+    for epochs in (3, 12):
+        mine.write_text(f"defaults: [quick, _self_]\nepochs: {epochs}\n", encoding="utf-8")
+        assert compose(["training=mine"]).training.epochs == epochs
+    mine.unlink()
+    with refused(ConfigError, place="training"):
+        compose(["training=mine"])
 
 
 @pytest.mark.few(3)
