@@ -16,7 +16,7 @@ test test-slow test-all test-cluster test-cluster-all coverage: export OMP_NUM_T
 test test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo examples test test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick replay paper docs lock clean
+.PHONY: help setup demo examples test test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick mutants replay paper docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -76,6 +76,9 @@ test-cluster-all: $(DEV) ## the same, and those that wait for minutes
 
 coverage: $(DEV) ## run `make test` and `make test-slow`, and print the lines that no test reaches
 	$(BIN)/pytest $(TWO) -m "not long and not portable and not cluster" --cov --cov-report=term-missing:skip-covered
+
+mutants: $(DEV) ## put 64 small faults into the package, one at a time, and see which of them the tests find (hours)
+	$(BIN)/python -m benchmarks.mutants
 
 check: $(DEV) ## formatting, lint, types and import direction
 	$(BIN)/ruff format --check
