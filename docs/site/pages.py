@@ -24,7 +24,8 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 from annotated_types import Ge, Gt, Le, Lt
 
-from tacevo.cli.app import GROUPS, main
+from tacevo.cli.app import main
+from tacevo.cli.commands import GROUPS
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose
 from tacevo.records import to_json

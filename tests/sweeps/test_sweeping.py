@@ -12,7 +12,6 @@ from checkout import ROOT
 from refusals import refused
 from sweeps import SHARED, Heard, Launched, begin, composed, files_of
 
-from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.sweep import Standing
@@ -208,12 +207,12 @@ def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
             ["search.candidates=3"],
         )
     )
-    name = folder(SHARED, first, compose)
+    name = folder(SHARED, first)
     assert name.parent == Path("sweeps")
     assert name.name.startswith("published_force-")
-    assert folder(SHARED, more, compose) == name
-    assert folder([*SHARED, "executor.workers=1"], watched, compose) == name
-    assert folder([*SHARED, "search.candidates=3"], other, compose) != name
+    assert folder(SHARED, more) == name
+    assert folder([*SHARED, "executor.workers=1"], watched) == name
+    assert folder([*SHARED, "search.candidates=3"], other) != name
 
 
 @pytest.mark.slow
