@@ -20,6 +20,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+import house
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 from annotated_types import Ge, Gt, Le, Lt
@@ -66,6 +67,7 @@ def write_pages(folder: Path) -> None:
     """Write every page below a folder, which is emptied first."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(ROOT / "docs/figures", folder / "figures")
+    house.write(folder / "figures/house.svg")
     places = places_of_pages()
     for source, place in places.items():
         if source.endswith(".md"):

@@ -37,6 +37,16 @@ def lines_of(where: str) -> int:
     return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
 
 
+def test_drawn_house_has_the_rooms_of_the_contract() -> None:
+    """`python docs/site/house.py` draws it anew, where a room has come or gone."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    (layers,) = (
+        kept["layers"] for kept in project["tool"]["importlinter"]["contracts"] if kept.get("containers") == ["tacevo"]
+    )
+    drawn_rooms = re.findall(r">([a-z]+)</text>", (ROOT / "docs/figures/house.svg").read_text(encoding="utf-8"))
+    assert sorted(drawn_rooms) == sorted(re.findall(r"\w+", " ".join(layers[:-1])))
+
+
 def test_promises_cost_what_the_page_says() -> None:
     """Each row of the table of costs is within 5 % of the lines that its files have."""
     text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
