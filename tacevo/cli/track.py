@@ -7,8 +7,8 @@ from tacevo.cli.common import DIFFERENT, DONE, tell
 from tacevo.environment import as_typed
 from tacevo.runs.progress import Progress
 from tacevo.text import counted
-from tacevo.tracking.backfill import track
-from tacevo.tracking.params import viewing
+from tacevo.tracking.address import viewing
+from tacevo.tracking.track import track
 
 
 def run_track(directory: str, uri: str) -> int:
