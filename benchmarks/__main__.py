@@ -39,7 +39,7 @@ from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
 from tacevo.sandbox.client import Sandbox
-from tacevo.tracking.process import Mirror
+from tacevo.tracking.tracker import Mirror
 from tacevo.training.numerics import environment
 
 PAGE = Path("benchmarks/README.md")
@@ -163,8 +163,7 @@ def _search(place: Path, *settings: str) -> None:
 
 def _mirror(run: Path, uri: str) -> None:
     """Mirror a finished run as a search does, and wait for the end."""
-    mirror = Mirror(run, uri=uri, experiment="tacevo")
-    mirror.start()
+    mirror = Mirror([run], uri=uri, experiment="tacevo")
     warning = mirror.finish(None)
     if warning is not None:
         raise RuntimeError(warning)

@@ -20,11 +20,14 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+import costs
+import house
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 from annotated_types import Ge, Gt, Le, Lt
 
-from tacevo.cli.app import GROUPS, main
+from tacevo.cli.app import main
+from tacevo.cli.commands import GROUPS
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose
 from tacevo.records import to_json
@@ -65,10 +68,13 @@ def write_pages(folder: Path) -> None:
     """Write every page below a folder, which is emptied first."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(ROOT / "docs/figures", folder / "figures")
+    house.write(folder / "figures/house.svg")
     places = places_of_pages()
     for source, place in places.items():
         if source.endswith(".md"):
-            put(folder / place, with_links((ROOT / source).read_text(encoding="utf-8"), source, places))
+            text = (ROOT / source).read_text(encoding="utf-8")
+            text = costs.counted(text) if ROOT / source == costs.PAGE else text
+            put(folder / place, with_links(text, source, places))
     for notebook in sorted((ROOT / "docs/notebooks").glob("*.ipynb")):
         source = notebook.relative_to(ROOT).as_posix()
         put(folder / places[source], run_notebook(notebook, folder / "notebooks", places))

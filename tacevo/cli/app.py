@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from tacevo import __version__
+from tacevo.cli.commands import GROUPS, OURS, WITHOUT_ANALYSIS
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser, tell
 from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.config.conf_folder import reading_own
@@ -15,42 +16,6 @@ from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.parts.kinds import COMMANDS
 from tacevo.parts.registry import Part, missing, ours, parts
 from tacevo.text import unbroken
-
-#: By group, each command's line in the help. Its module is imported when it is given, so that this help is quick.
-GROUPS = {
-    "search": {
-        "search": "run a search or a sweep, or continue one that was stopped",
-        "extend": "search on from the end of a published run",
-        "study": "train a run's best networks and the baseline fully, with many seeds, and test them",
-        "noise": "train a run's elites again with other seeds, to see how much of each fitness was luck",
-        "tabulate": "train every network of a closed space, for searches that look evaluations up",
-        "plan": "compute how many seeds are needed to detect an effect of a given size, and the cost",
-    },
-    "reproduce": {
-        "replay": "run a recorded search again from its stores and compare",
-        "export": "take a network away: its weights, ONNX, a model card",
-        "publish": "write one file with which anybody can replay a run or a sweep",
-        "cache": "look into the stores of answers, move what a run needs, remove what none does",
-    },
-    "analyse": {
-        "show": "show what a run found, one candidate of it, or how far the jobs of a sweep are",
-        "tables": "write every table of runs and sweeps, those that a paper needs first",
-        "figures": "draw every figure of runs and sweeps, for a paper",
-        "report": "write one page to look into a run or a sweep, or a LaTeX document of several",
-        "ablations": "compare the arms of a sweep: tables and figures",
-    },
-    "tools": {
-        "init": "write a task of your own, copied from another one, to be edited",
-        "data": "look at a data set, or write a simulated one as files",
-        "check": "put raw answers of a model through the gate",
-        "parts": "list what can be plugged in, and check a part of your own",
-        "track": "write the ledgers of runs into MLflow, or what is missing of them there",
-        "doctor": "check whether this machine has what a run needs",
-    },
-}
-
-#: Of all our commands.
-LINES = {name: line for group in GROUPS.values() for name, line in group.items()}
 
 #: What replaced commands of the last release.
 _REPLACED = {
@@ -62,9 +27,6 @@ _REPLACED = {
     "sweep": "tacevo show SWEEP",
     "watch": "tacevo report RUN --follow",
 }
-
-#: The modules whose commands do not need our package `analysis`.
-WITHOUT_ANALYSIS = frozenset({"search", "track", "init", "data", "cache", "parts"})
 
 _DESCRIPTION = "Architecture search for vision-based tactile sensors that can be replayed bit for bit."
 
@@ -178,15 +140,15 @@ def _parser(command: str | None, second: str | None) -> Parser:
         line = _line(part)
         described = commands.add_parser(part.name, description=f"{line[0].upper()}{line[1:]}.")
         if part.name == command:
-            if part.module.rpartition(".")[2] not in WITHOUT_ANALYSIS:
+            if part.name not in WITHOUT_ANALYSIS:
                 check_analysis()
-            part.load()(described)
+            OURS[part.name].describe(described) if part.is_ours else part.load()(described)
     return parser
 
 
 def _line(part: Part) -> str:
     """Return the line of a command in the help; of one that is not ours, which package has it."""
-    return LINES[part.name] if part.is_ours else f"of {part.origin}"
+    return OURS[part.name].line if part.is_ours else f"of {part.origin}"
 
 
 def _listed(known: Sequence[Part]) -> str:
@@ -194,7 +156,8 @@ def _listed(known: Sequence[Part]) -> str:
     width = max(len(part.name) for part in known)
     others = {part.name: _line(part) for part in known if not part.is_ours}
     lines = []
-    for title, group in (GROUPS | ({"parts": others} if others else {})).items():
+    groups = {title: {name: each.line for name, each in group.items()} for title, group in GROUPS.items()}
+    for title, group in (groups | ({"parts": others} if others else {})).items():
         lines += [f"{title}:", *(f"  {name.ljust(width)}  {line}" for name, line in group.items()), ""]
     return "\n".join(lines).rstrip()
 

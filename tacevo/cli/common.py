@@ -5,7 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
 from tacevo.errors import ConfigError
 from tacevo.text import listed, nearest, printable
@@ -13,24 +13,10 @@ from tacevo.text import listed, nearest, printable
 #: Exit status: done; a comparison or verification failed; the user's mistake; interrupted by Ctrl-C, or by SIGTERM.
 DONE, DIFFERENT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
-OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line"
+#: The formats of a figure's files.
+Format = Literal["pdf", "svg", "png"]
 
-
-def add_config_dir(parser: argparse.ArgumentParser, *, made: bool = False) -> None:
-    """Describe where configs of a user's own lie, in a directory that the command may make."""
-    parser.add_argument(
-        "--config-dir",
-        metavar="DIR",
-        type=str if made else _directory,
-        help="tasks and other configs of your own, beside those of tacevo (default: conf, where there is one)",
-    )
-
-
-def _directory(text: str) -> str:
-    """Read the path of a directory."""
-    if Path(text).is_dir():
-        return text
-    raise argparse.ArgumentTypeError(f"expected a directory of configs, as `tacevo init` writes one; got {text}")
+FORMATS: tuple[Format, ...] = ("pdf", "svg", "png")
 
 
 def existing_store(name: str | None) -> str | None:
@@ -44,33 +30,33 @@ def existing_store(name: str | None) -> str | None:
     return name
 
 
-def place_of_results(options: argparse.Namespace, name: str) -> Path:
+def place_of_results(run: str, output: str | None, name: str) -> Path:
     """Return where the results of one run or sweep go: where `-o` says, else under a name in its directory.
 
     Raises:
         ConfigError: nothing is written into a bundle, and `-o` is missing.
     """
-    source = Path(options.runs[0])
-    if options.output:
-        return Path(options.output)
+    source = Path(run)
+    if output:
+        return Path(output)
     if source.is_file() or source.parent.is_file():
         got, remedy = f"what was published, {source}", f"name by -o where to write {name}"
         raise ConfigError(got, expected="a directory", remedy=remedy)
     return source / name
 
 
-def places_of(options: argparse.Namespace, name: str) -> list[Path]:
+def places_of(runs: Sequence[str], output: str | None, name: str) -> list[Path]:
     """Return where the results of every run go: of one, as `place_of_results`; of several, below that of `-o`.
 
     Raises:
         ConfigError: as `place_of_results`; or several have no place, or two have one name.
     """
-    if len(options.runs) == 1:
-        return [place_of_results(options, name)]
-    names = check_names(options.runs)
-    if options.output is None:
+    if len(runs) == 1:
+        return [place_of_results(runs[0], output, name)]
+    names = check_names(runs)
+    if output is None:
         raise ConfigError("several runs", place="-o", expected="the directory that theirs are made in")
-    return [Path(options.output) / one for one in names]
+    return [Path(output) / one for one in names]
 
 
 def check_names(runs: Sequence[str]) -> list[str]:
@@ -146,17 +132,19 @@ class Parser(argparse.ArgumentParser):
     The parser of the given command is the parsed `parser`, so that a mistake names this command.
     """
 
-    #: Writes the epilog, where that takes too long to be written for each command.
-    write_epilog: Callable[[], str] | None = None
+    #: Writes what stands below the arguments, before the examples, where it takes too long to be written each time.
+    write_more: Callable[[], str] | None = None
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.set_defaults(parser=self)
 
     def format_help(self) -> str:
-        """Write the help."""
-        if self.write_epilog is not None:
-            self.epilog = self.write_epilog()
+        """Write the help: what a command does above its arguments, examples and what follows them below."""
+        described, mark, examples = (self.description or "").partition("Examples:\n")
+        more = "" if self.write_more is None else f"{self.write_more()}\n\n"
+        if mark or more:
+            self.description, self.epilog = described.rstrip(), f"{more}{mark}{examples}"
         return super().format_help()
 
     @property

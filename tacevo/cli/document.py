@@ -1,7 +1,7 @@
 """The command `tacevo report --latex`: a document of several runs and sweeps."""
 
-import argparse
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 from analysis.report.collection import side_by_side, with_largest_studies
@@ -15,13 +15,13 @@ from tacevo.results.study import check_alike
 from tacevo.runs.progress import Progress
 
 
-def run_document(options: argparse.Namespace) -> int:
+def run_document(names: Sequence[str], output: str, store: str | None) -> int:
     """Write the LaTeX document of runs and sweeps: the paper beside the runs, these beside each other, then each."""
-    shown = open_all(options.runs, options.store)
+    shown = open_all(names, store)
     runs = [_with_largest(one) for one in shown if isinstance(one, Run)]
     collections = [one.collection for one in runs]
     check_alike([compared.study for one in collections for compared in one.studies])
-    directory = output_directory(options.output or "build/paper")
+    directory = output_directory(output)
     chapters = [write_chapter("The paper beside these runs", with_published(runs), [], directory / "published")]
     beside, alone = side_by_side(collections)
     say(alone)

@@ -1,6 +1,5 @@
 """The command `tacevo export`."""
 
-import argparse
 import re
 from collections.abc import Sequence
 from dataclasses import fields
@@ -12,13 +11,15 @@ from tacevo.errors import ConfigError
 from tacevo.export.trainings import ExportSettings
 
 
-def run_export(options: argparse.Namespace) -> int:
+def run_export(
+    run: str, candidate: str, overrides: Sequence[str], output: str, *, store: str | None, retrained: bool
+) -> int:
     """Write a network as a directory of its own."""
-    other = [text for text in options.overrides if text.startswith("data.")]
-    settings = _settings([text for text in options.overrides if text not in other])
-    run = open_run(options.run, store=existing_store(options.store))
-    run.export(options.candidate, options.output, *other, retrained=options.retrained, **settings)
-    tell(f"{options.output}: README.md says how to use it")
+    other = [text for text in overrides if text.startswith("data.")]
+    settings = _settings([text for text in overrides if text not in other])
+    opened = open_run(run, store=existing_store(store))
+    opened.export(candidate, output, *other, retrained=retrained, **settings)
+    tell(f"{output}: README.md says how to use it")
     return DONE
 
 

@@ -1,11 +1,11 @@
 """The commands `tacevo figures` and `tacevo ablations`."""
 
-import argparse
 import contextlib
 import itertools
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from rich.console import Console
 
@@ -16,8 +16,7 @@ from analysis.sweeps.arm_metrics import TESTED, Metric
 from analysis.table import Table
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
-from tacevo.cli.arguments import FORMATS
-from tacevo.cli.common import output_directory, places_of, tell
+from tacevo.cli.common import FORMATS, Format, output_directory, tell
 from tacevo.cli.tables import open_all, print_table, remarks_of, say, status_of
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, DataError, RunError
@@ -33,11 +32,10 @@ _SHORT = frozenset({"arm", "seeds", "median", "p", "p, Holm", "A12"})
 _BRACKETS = "Medians and differences over seeds, in brackets 95 % intervals. A12: the chance that the arm has more."
 
 
-def run_figures(options: argparse.Namespace) -> int:
-    """Draw figures into files."""
-    places = places_of(options, "figures")
-    opened = open_all(options.runs, options.store)
-    endings = [f".{name}" for name in dict.fromkeys(options.format)]
+def run_figures(runs: Sequence[str], places: Sequence[Path], *, formats: Sequence[Format], store: str | None) -> int:
+    """Draw the figures of runs and sweeps into files, each in its place."""
+    opened = open_all(runs, store)
+    endings = [f".{name}" for name in dict.fromkeys(formats)]
     for one, place in zip(opened, places, strict=True):
         say(remarks_of(one))
         directory = output_directory(place)
@@ -73,18 +71,17 @@ def progress_of(words: str, total: int) -> Iterator[Callable[[str], None]]:
         yield lambda name: view.advance(words, next(number), total)
 
 
-def run_ablations(options: argparse.Namespace) -> int:
+def run_ablations(name: str, place: Path, reference: str | None, store: str | None) -> int:
     """Compare the arms of a sweep: write tables and figures, and print the metric that they are compared by first."""
-    (place,) = places_of(options, "ablations")
-    (sweep,) = open_all(options.runs, options.store)
+    (sweep,) = open_all([name], store)
     if isinstance(sweep, Run):
         remedy = "`tacevo tables` has those of a run"
-        raise RunError("one run", place=options.runs[0], expected="a sweep", remedy=remedy)
+        raise RunError("one run", place=name, expected="a sweep", remedy=remedy)
     with Progress() as view:
         view.say("comparing the arms")
-        collected = sweep.collection(options.reference)
+        collected = sweep.collection(reference)
         directory = output_directory(place)
-        tables, _ = sweep.all_tables(options.reference)
+        tables, _ = sweep.all_tables(reference)
         write_tables(tables, directory)
     pictures = sweep_pictures(collected)
     with progress_of("figures", len(pictures)) as on_drawn:
@@ -95,7 +92,7 @@ def run_ablations(options: argparse.Namespace) -> int:
     remarks = sweep.left_out
     say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
     if collected.ablation.primary in TESTED and collected.sweep.terms.retraining is None:
-        tell(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', options.runs[0]))} seeds=5")
+        tell(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', name))} seeds=5")
     tell(f"tables and figures: {directory} (index.md says which question each answers)")
     return status_of(sweep)
 

@@ -1,13 +1,12 @@
 """The command `tacevo init`."""
 
-import argparse
 import os
 import re
 import shlex
 from pathlib import Path
 
 from tacevo.choices import SensorTask
-from tacevo.cli.common import DONE, Parser, add_config_dir, tell
+from tacevo.cli.common import DONE, tell
 from tacevo.config.conf_folder import own_root
 from tacevo.config.new_task import write_task
 from tacevo.config.schema import TaskConfig
@@ -23,48 +22,30 @@ _RELEASED = "data=tacverse data.root=tacverse"
 _OF_GRATINGS = " data.pattern=Blackdot 'data.spacings_mm=[0.3,0.5,0.75,1,1.25,1.5,1.75]'"
 
 
-def add_init(parser: Parser) -> None:
-    """Describe `tacevo init`."""
-    parser.description = (
-        "Write a task of your own into ./conf: the settings, the baseline and the texts of another task under a new "
-        "name, to be edited. Searches that start in this directory know it. Nothing that exists is changed."
-    )
-    parser.add_argument("name", metavar="NAME", help="of the new task: a lower-case identifier, e.g. shear")
-    parser.add_argument("--like", metavar="TASK", help="the task to copy (default: force)")
-    parser.add_argument(
-        "--from-supplement",
-        metavar="FILE",
-        help="your copy of the index.html of the paper's supplement: its instructions and system prompt become those "
-        "of the new task, for forces or gratings as NAME begins, or as --like says",
-    )
-    add_config_dir(parser, made=True)
-    parser.set_defaults(command=_init, interrupted="nothing half-made is left")
-
-
-def _init(options: argparse.Namespace) -> int:
-    supplement, like = options.from_supplement, options.like
+def run_init(name: str, like: str | None, supplement: str | None, config_dir: str | None) -> int:
+    """Write a task of a user's own."""
     if like is None:
-        like = "force" if supplement is None else re.split(r"[-_]", options.name)[0]
-    task = write_task(options.name, like, None if supplement is None else Path(supplement))
+        like = "force" if supplement is None else re.split(r"[-_]", name)[0]
+    task = write_task(name, like, None if supplement is None else Path(supplement))
     files = {
-        f"task/{options.name}.yaml": "outputs and their names",
+        f"task/{name}.yaml": "outputs and their names",
         task.system: "what the images show",
         task.instructions: "what a mutation does",
         task.baseline: f"where a search starts; its {task.output_argument}={task.outputs} is that of outputs, too",
     }
-    places = {name: os.path.relpath(own_root() / name) for name in files}
-    for name, what in files.items():
-        tell(f"wrote:  {places[name]} ({'to edit: ' if supplement is None else ''}{what})")
+    places = {file: os.path.relpath(own_root() / file) for file in files}
+    for file, what in files.items():
+        tell(f"wrote:  {places[file]} ({'to edit: ' if supplement is None else ''}{what})")
     for words in left_of_others(task):
         tell(f"edit:   {words}")
     images = _images(task)
     if supplement is not None:
         images = _RELEASED + (_OF_GRATINGS if like == SensorTask.grating else "")
-    tacevo, own = as_typed("tacevo"), f"task={options.name} {images}"
-    where = "" if options.config_dir is None else f" --config-dir {shlex.quote(options.config_dir)}"
-    tell(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {options.name}{where}")
+    tacevo, own = as_typed("tacevo"), f"task={name} {images}"
+    where = "" if config_dir is None else f" --config-dir {shlex.quote(config_dir)}"
+    tell(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {name}{where}")
     if like in list(SensorTask):  # the simulation goes by the name, and is for the old outputs
-        lent = f"task={options.name} task.name={like}"
+        lent = f"task={name} task.name={like}"
         tell(f"try:    {tacevo} search experiment=demo {lent}{where}  # before the edit, on simulated images")
     own = f"experiment={_SMALL[task.kind] if supplement is None else f'paper_{like}'} {own}{where}"
     model = "" if supplement is None else " llm=anthropic"  # which experiments of the paper leave open

@@ -1,6 +1,5 @@
 """The commands `tacevo check` (the gate on raw answers) and `tacevo doctor`."""
 
-import argparse
 import json
 import os
 import shutil
@@ -10,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, Parser, add_config_dir, tell
+from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, tell
 from tacevo.config.conf_folder import config_roots
 from tacevo.config.schema import StoreConfig
 from tacevo.config.task_texts import facts_without_data
@@ -26,34 +25,17 @@ from tacevo.storage.files import write_durably
 from tacevo.text import listed
 
 
-def add_check(parser: Parser) -> None:
-    """Describe `tacevo check`."""
-    parser.description = (
-        "Put raw answers through the gate: text files, or JSON recordings with a `response`. The exit status is 0 "
-        "also where answers are rejected; --json says which. It is 2 where a file cannot be read; the others are "
-        "judged all the same."
-    )
-    parser.add_argument("files", nargs="+", metavar="FILE", help="a text file, or JSON with a `response` or `source`")
-    parser.add_argument("--task", default="force", metavar="NAME", help="whose contract to apply (default: force)")
-    parser.add_argument(
-        "--image-size", type=int, metavar="PIXELS", help="side of the images (default: that of the task's data)"
-    )
-    parser.add_argument("--json", action="store_true", help="one JSON object a line")
-    add_config_dir(parser)
-    parser.set_defaults(command=_check)
-
-
-def _check(options: argparse.Namespace) -> int:
+def run_check(names: Sequence[str], task: str, image_size: int | None, *, as_json: bool) -> int:
+    """Put the answers of files through the gate."""
     status = DONE
-    files = [Path(name) for name in options.files]
-    verdicts = judged_answers(files, task=options.task, image_size=options.image_size)
-    for name, judged in zip(options.files, verdicts, strict=True):
+    verdicts = judged_answers([Path(name) for name in names], task=task, image_size=image_size)
+    for name, judged in zip(names, verdicts, strict=True):
         verdict = judged | {"file": name}  # as it was typed
         if verdict["verdict"] == UNREADABLE:
             status = MISTAKE
             tell(f"error: {verdict['detail']}", error=True, flush=True)
-        if options.json or verdict["verdict"] != UNREADABLE:
-            tell(json.dumps(verdict) if options.json else _words(verdict), flush=True)
+        if as_json or verdict["verdict"] != UNREADABLE:
+            tell(json.dumps(verdict) if as_json else _words(verdict), flush=True)
     return status
 
 
@@ -64,31 +46,17 @@ def _words(verdict: dict[str, Json]) -> str:
     return f"{verdict['file']}: rejected at {verdict['stage']}: {verdict['reason']}: {verdict['detail']}"
 
 
-def add_doctor(parser: Parser) -> None:
-    """Describe `tacevo doctor`."""
-    parser.description = (
-        "Check what a run needs of this machine: packages, sandbox, directory, and the bits of portable numerics, "
-        "which are computed and compared with the recorded ones. The exit status is 1 where a check fails, or "
-        "bits differ or cannot be computed."
-    )
-    parser.add_argument(
-        "--report", metavar="FILE", help="write what this CPU computes to FILE (JSON), to be sent to the project"
-    )
-    parser.set_defaults(command=_doctor)
-
-
-def _doctor(options: argparse.Namespace) -> int:
-    if options.report is not None and Path(options.report).is_dir():
-        raise ConfigError(
-            "a directory", place=f"--report {options.report}", expected="the name of a file to be written"
-        )
+def run_doctor(file: str | None) -> int:
+    """Print what this machine has, and write its bits into a file."""
+    if file is not None and Path(file).is_dir():
+        raise ConfigError("a directory", place=f"--report {file}", expected="the name of a file to be written")
     findings, sound, compared = examine()
     tell(findings)
-    if options.report is None and not all(each.is_sound for each in compared):
+    if file is None and not all(each.is_sound for each in compared):
         tell("please send us the file of `tacevo doctor --report FILE`")
-    if options.report is not None:
-        write_durably(Path(options.report), json.dumps(bits.report(compared), indent=1) + "\n")
-        tell(f"the report is in {options.report}; it names no file and no person")
+    if file is not None:
+        write_durably(Path(file), json.dumps(bits.report(compared), indent=1) + "\n")
+        tell(f"the report is in {file}; it names no file and no person")
     return DONE if sound else DIFFERENT
 
 

@@ -1,13 +1,12 @@
 """The command `tacevo parts`: what there is, and whether a part keeps its contracts."""
 
-import argparse
 import inspect
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, tell
+from tacevo.cli.common import DIFFERENT, DONE, tell
 from tacevo.config.chosen import part_of
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
@@ -25,46 +24,27 @@ _FILE = re.compile(r"(?P<file>.+\.py)(:(?P<name>\w+))?")
 _CHOSEN = re.compile(r"(?P<setting>[a-z]+\.[a-z]+)=(?P<name>.+)")
 
 
-def add_parts(parser: Parser) -> None:
-    """Describe `tacevo parts`."""
-    parser.description = (
-        "List the parts that are installed, of all kinds or of one, and import none of them. `tacevo parts check PART` "
-        "imports a part, makes it with its settings, tries whether it keeps the contracts of its kind, and prints a "
-        "line for each; the exit status is 1 where one is broken. It runs the code of the part in this process."
-    )
-    parser.add_argument("kind", nargs="?", metavar="KIND | check", help=f"one of {', '.join(KINDS)}; or `check`")
-    parser.add_argument(
-        "part",
-        nargs="?",
-        metavar="PART",
-        help="with `check`: a name, FILE.py:CLASS, FILE.py for all parts in it, or SETTING=NAME as a search has it",
-    )
-    parser.add_argument(
-        "overrides", nargs="*", metavar="OVERRIDE", help=f"the settings that it is made with: {OVERRIDE}"
-    )
-    parser.set_defaults(command=_parts, interrupted="nothing was changed")
-
-
-def _parts(options: argparse.Namespace) -> int:
-    if options.kind == "check":
-        if options.part is None:
+def run_parts(kind: str | None, part: str | None, overrides: Sequence[str], commands: Mapping[str, str]) -> int:
+    """List the parts of all kinds or of one, or check a part; `commands` are the lines of ours by name."""
+    if kind == "check":
+        if part is None:
             raise ConfigError(
                 "nothing", place="tacevo parts check", expected="the name of a part, or a file with parts"
             )
-        return _check(options.part, options.overrides)
-    if options.part is not None or options.kind not in {None, *KINDS}:
-        got = options.kind if options.part is None else f"{options.kind} {options.part}"
-        remedy = nearest(options.kind, ["check", *KINDS], "")
+        return _check(part, overrides)
+    if part is not None or kind not in {None, *KINDS}:
+        got = str(kind) if part is None else f"{kind} {part}"
+        remedy = nearest(str(kind), ["check", *KINDS], "")
         raise ConfigError(got, place="tacevo parts", expected=f"one of {listed(KINDS)}, or check PART", remedy=remedy)
-    kinds = KINDS.values() if options.kind is None else [KINDS[options.kind]]
-    tell("\n\n".join(_described(kind) for kind in kinds))
+    kinds = KINDS.values() if kind is None else [KINDS[kind]]
+    tell("\n\n".join(_described(each, commands) for each in kinds))
     return DONE
 
 
-def _described(kind: Kind) -> str:
+def _described(kind: Kind, commands: Mapping[str, str]) -> str:
     """Write a kind and its parts, a line each: name, where it comes from, what it does, what it lacks."""
     chosen = f"{kind.setting}=NAME" if kind.setting else "all that are installed are used"
-    rows = [(part.name, part.origin, _remarked(part)) for part in parts(kind)]
+    rows = [(part.name, part.origin, _remarked(part, commands)) for part in parts(kind)]
     rows += [(part.name, part.origin, "never used: tacevo has a part of this name") for part in shadowed(kind)]
     rows += [(part.name, part.origin, "not used: several packages have this name") for part in ambiguous(kind)]
     widths = [max(len(row[column]) for row in rows) for column in range(2)]
@@ -72,17 +52,15 @@ def _described(kind: Kind) -> str:
     return "\n".join([f"{kind.name} ({chosen}): {kind.does}", *lines])
 
 
-def _remarked(part: Part) -> str:
+def _remarked(part: Part, commands: Mapping[str, str]) -> str:
     missing = lacking(part)
-    return f"needs {listed(missing)}, not installed here" if missing else _says(part)
+    return f"needs {listed(missing)}, not installed here" if missing else _says(part, commands)
 
 
-def _says(part: Part) -> str:
+def _says(part: Part, commands: Mapping[str, str]) -> str:
     """Return in a line what a part does: a command of ours by its help, all others by their docstrings."""
     if part.kind is KINDS["commands"] and part.is_ours:
-        from tacevo.cli.app import LINES
-
-        return LINES[part.name]
+        return commands[part.name]
     return first_line_of(part)
 
 

@@ -1,6 +1,6 @@
 """The command `tacevo publish`."""
 
-import argparse
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,20 +12,29 @@ from tacevo.runs.progress import Progress
 from tacevo.text import counted, listed
 
 
-def run_publish(options: argparse.Namespace) -> int:
-    """Publish a run or a sweep."""
-    terms = Terms(licence=options.license, authors=tuple(options.author), published=options.date)
+def run_publish(
+    run: str,
+    studies: Sequence[str],
+    output: str,
+    *,
+    store: str | None,
+    licence: str,
+    authors: Sequence[str],
+    date: str,
+) -> int:
+    """Publish a run or a sweep as a file."""
+    terms = Terms(licence=licence, authors=tuple(authors), published=date)
     with Progress() as view:
         done = publish(
-            Path(options.run),
-            Path(options.output),
+            Path(run),
+            Path(output),
             terms=terms,
             make_pages=partial(pages, say=view.say),
             view=view,
-            studies=tuple(map(Path, options.studies)),
-            store=None if options.store is None else Path(options.store),
+            studies=tuple(map(Path, studies)),
+            store=None if store is None else Path(store),
         )
-    tell(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
+    tell(f"published: {output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
     tell(f"licence: {terms.licence}")
     tell(f"author: {listed(terms.authors, 'anonymous (--author NAME says who)')}")
     if done.test_labels:

@@ -1,6 +1,5 @@
 """The commands `tacevo replay` and `tacevo extend`."""
 
-import argparse
 import secrets
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,40 +26,46 @@ from tacevo.text import counted, listed
 _DRAWS = 10**9
 
 
-def run_replay(options: argparse.Namespace) -> int:
-    """Replay a run, a sweep, or the table of a space."""
-    if is_table(Path(options.run)):
-        return _replay_table(options)
+def run_replay(
+    run: str, *, store: str | None, others: int | None, trusts: bool, draw: int | None, table: str | None
+) -> int:
+    """Replay a run, a sweep, or the table of a space, and train again.
+
+    `others` is the number of networks that are drawn and trained again, 0 for all of them, None for no training.
+    """
+    path = Path(run)
+    if is_table(path):
+        return _replay_table(path, store, others, draw, table)
     with Progress() as view:
-        place = opened(Path(options.run))
-        if options.retrain is not None:
+        place = opened(path)
+        if others is not None:
             check_walls(place)
-            configs = _with_data_here(place, options)
+            configs = _with_data_here(path, place, table)
         # The --store of a published run is for the images of --retrain, and need not exist yet.
-        store = None if place.digest else existing_store(options.store)
-        done = replay(place, store, view, trusts=options.trust_parts)
+        done = replay(place, None if place.digest else existing_store(store), view, trusts=trusts)
         told = _told(place, done)
-        if options.retrain is not None:
-            told.append(_retrain([_with_data(*pair) for pair in zip(done.runs, configs, strict=True)], options, view))
+        if others is not None:
+            again = [_with_data(*pair) for pair in zip(done.runs, configs, strict=True)]
+            told.append(_retrain(again, store, others, draw, view))
     for text in [*told, _verdict(done), f"digest: {digest_of(place, done)}"]:
         tell(text)
     return DONE
 
 
-def _replay_table(options: argparse.Namespace) -> int:
+def _replay_table(path: Path, store: str | None, others: int | None, draw: int | None, named: str | None) -> int:
     """Verify the table of a space."""
     from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
     from tacevo.results.space_table import read_table
 
-    if options.table is not None:
-        raise ConfigError(options.table, place="--table", expected=f"no table: {options.run} is one itself")
+    if named is not None:
+        raise ConfigError(named, place="--table", expected=f"no table: {path} is one itself")
     with Progress() as view:
-        table = read_table(Path(options.run))
+        table = read_table(path)
         verify_table(table)
         told = [table.name, table.failed, measure_table(table, view)]
-        if options.retrain is not None:
-            draw = options.draw or 1 + secrets.randbelow(_DRAWS)
-            told.append(retrain_table(table, options.retrain or None, draw, options.store, view))
+        if others is not None:
+            seed = draw or 1 + secrets.randbelow(_DRAWS)
+            told.append(retrain_table(table, others or None, seed, store, view))
     equal = "EQUAL: every network of the space, with its source, and the seeds; scores by their confusion"
     left = (
         "losses, predictions, weights, failed trainings and the trivial loss are compared by --retrain alone; versions "
@@ -124,7 +129,7 @@ def _decided(run: Rerun) -> list[str]:
     return [f"{part}: {counted(count, 'decision')}, {how}" for part, count in run.replayed.decisions.items()]
 
 
-def _with_data_here(place: Opened, options: argparse.Namespace) -> list[RunConfig]:
+def _with_data_here(path: Path, place: Opened, table: str | None) -> list[RunConfig]:
     """Return the configuration of each run, whose data must be here, with the place of the table that it looked up in.
 
     It is asked before anything is replayed, which may take long.
@@ -133,16 +138,16 @@ def _with_data_here(place: Opened, options: argparse.Namespace) -> list[RunConfi
         DataError, BundleError: a data set is not there; or as `find_table`.
         ConfigError: a table is named, and no run looked anything up.
     """
-    named = None if options.table is None else Path(options.table)
+    named = None if table is None else Path(table)
     found = []
     for run in place.runs:
         directory = RunDirectory(run)
         record, config = directory.read_run(), settings_of(directory)
         if not (config.data.facts.is_made or config.data.facts.is_looked_up):  # which is found by its digest
             _check_data(directory, record.name, config, in_bundle=place.digest is not None)
-        found.append(with_table(config, record.data.fingerprint, Path(options.run), named, option="--table FILE"))
+        found.append(with_table(config, record.data.fingerprint, path, named, option="--table FILE"))
     if named is not None and all(not config.data.facts.is_looked_up for config in found):
-        raise ConfigError(options.table, place="--table", expected="no table: these searches trained")
+        raise ConfigError(str(table), place="--table", expected="no table: these searches trained")
     return found
 
 
@@ -169,26 +174,22 @@ def _with_data(done: Rerun, config: RunConfig) -> Rerun:
     return replace(done, run=replace(done.run, config=replace(done.run.config, data=config.data)))
 
 
-def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress) -> str:
+def _retrain(runs: Sequence[Rerun], store: str | None, others: int, draw: int | None, view: Progress) -> str:
     """Train candidates of a run or a sweep again; describe what was compared."""
-    store = options.store  # of a published run, the images may lie elsewhere than what it holds
+    # Of a published run, the images may lie elsewhere than what it holds.
     recorded = [done.run if store is None else done.run.with_store(store) for done in runs]
-    draw = options.draw or 1 + secrets.randbelow(_DRAWS)  # of this machine: a bundle's own seed is known to its author
-    return retrain(recorded, options.retrain or None, draw, view)
+    seed = draw or 1 + secrets.randbelow(_DRAWS)  # of this machine: a bundle's own seed is known to its author
+    return retrain(recorded, others or None, seed, view)
 
 
-def run_extend(options: argparse.Namespace) -> int:
+def run_extend(run: str, overrides: Sequence[str], *, store: str | None, trusts: bool) -> int:
     """Search on from the end of a run."""
     from tacevo.cli.search import paid_now, print_end
 
-    place = opened(Path(options.run))
+    place = opened(Path(run))
+    if place.digest is None and store is not None:
+        place = replace(place, entries=Path(store))
     with Progress() as view:
-        moved = place.digest is None and options.store is not None
-        result = extended(
-            replace(place, entries=Path(options.store)) if moved else place,
-            options.overrides,
-            view,
-            trusts=options.trust_parts,
-        )
+        result = extended(place, overrides, view, trusts=trusts)
     print_end(result, paid_now(result))
     return DONE

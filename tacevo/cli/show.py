@@ -1,6 +1,5 @@
 """The command `tacevo show`: a run, one candidate of it, or how far the jobs of a sweep are."""
 
-import argparse
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,23 +29,19 @@ from tacevo.sweeps.terms import describe_terms
 from tacevo.text import in_markdown, printable, table
 
 
-def run_show(options: argparse.Namespace) -> int:
-    """Print a run, a candidate or the jobs of a sweep."""
-    path, store = Path(options.run), None
-    if options.source and options.candidate is None:
-        options.parser.error("--source is of a candidate; name one")
+def run_show(run: str, candidate: str | None, *, only_source: bool) -> int:
+    """Print a run, a candidate of it or only its source, or the jobs of a sweep."""
+    path, store = Path(run), None
     if not path.is_dir():
         bundle = opened(path)
         path, store = bundle.folder, bundle.store
     if (sweep := SweepDirectory(path)).is_one:
-        if options.candidate is not None:
-            expected = f"no second name after a sweep; a job of it is named {options.run}/JOB"
-            raise ConfigError(options.candidate, place="tacevo show", expected=expected)
+        if candidate is not None:
+            expected = f"no second name after a sweep; a job of it is named {run}/JOB"
+            raise ConfigError(candidate, place="tacevo show", expected=expected)
         text = show_sweep(sweep)
-    elif options.source:
-        text = source_of(path, options.candidate)
-    elif options.candidate is not None:
-        text = show_candidate(path, options.candidate)
+    elif candidate is not None:
+        text = source_of(path, candidate) if only_source else show_candidate(path, candidate)
     else:
         text = show_run(path, store)
     tell(text, end="")

@@ -1,12 +1,11 @@
 """The commands `tacevo study`, of a run or of the jobs of a sweep, `tacevo noise`, and `tacevo plan` before both."""
 
-import argparse
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, Literal, TypeVar
 
 from rich.console import Console
 
@@ -72,10 +71,10 @@ def _composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[st
     return config
 
 
-def run_study(options: argparse.Namespace) -> int:
+def run_study(words: Sequence[str]) -> int:
     """Study networks."""
-    if not _runs(options.overrides) and gives_networks(options.overrides):
-        first, *others = _each_data(options.overrides)
+    if not _runs(words) and gives_networks(words):
+        first, *others = _each_data(words)
         config, run, files = compose_given(first)
         every = _within(run, [[], *others])
         with Progress() as view:
@@ -85,14 +84,14 @@ def run_study(options: argparse.Namespace) -> int:
         with Progress() as view:
             studied = study(config, view)
     else:
-        other = [override for override in options.overrides if is_elsewhere(override)]
-        config = _composed(compose_study, [override for override in options.overrides if override not in other])
+        other = [override for override in words if is_elsewhere(override)]
+        config = _composed(compose_study, [override for override in words if override not in other])
         if config.sweep is not None:
             with Progress() as view:
                 studies, unfinished = study_sweep(Path(config.sweep), config, view, other)
             return _report_sweep(Path(config.sweep), studies, unfinished, "study", "raise seconds= or memory_mib=")
         if RunDirectory(Path(config.run or "")).read_run().task.given:
-            check_unchosen(options.overrides)
+            check_unchosen(words)
         if len(each := [*product(*spread(other))] if other else [()]) > 1:
             own = replace(read_run(Path(config.run or ""), config.store.root).with_data, executor=config.executor)
             return _study_each(config, _within(own, each))
@@ -177,9 +176,9 @@ def _report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[
     return DIFFERENT if unfinished else max(statuses)
 
 
-def run_noise(options: argparse.Namespace) -> int:
+def run_noise(words: Sequence[str]) -> int:
     """Train elites again under other seeds."""
-    config = _composed(compose_noise, options.overrides)
+    config = _composed(compose_noise, words)
     if config.sweep is not None:
         with Progress() as view:
             noise_runs, unfinished = estimate_noise_of_sweep(Path(config.sweep), config, view)
@@ -225,11 +224,10 @@ def _end(studied: Studied, remedy: str) -> int:
     return DIFFERENT if studied.failed else DONE
 
 
-def run_plan(options: argparse.Namespace) -> int:
-    """Plan a number of seeds."""
-    directory = output_directory(options.output)
-    wish = {name: getattr(options, name) for name in ("effect", "comparisons", "power", "alpha")}
-    planned = planned_from(options.kind, [Path(name) for name in options.runs], **wish)
+def run_plan(kind: Literal["study", "sweep"], runs: Sequence[str], output: str, **wish: Any) -> int:
+    """Plan a number of seeds; the wish is that of `planned_from`."""
+    directory = output_directory(output)
+    planned = planned_from(kind, [Path(name) for name in runs], **wish)
     print_table(plan_table(planned), Console())
     if planned.plan is None:
         tell("no plan: wish for a larger effect or a lower power, or compare fewer")

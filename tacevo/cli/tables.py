@@ -4,7 +4,6 @@ A bundle has these tables and figures, too: `tacevo publish` writes them and `ta
 draws at import: Matplotlib takes a second.
 """
 
-import argparse
 import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -22,7 +21,7 @@ from analysis.tables.rendering import WRITERS, Notes, Shown, as_latex, as_markdo
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
-from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, places_of, tell
+from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, tell
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.runs.progress import Progress
 from tacevo.text import in_markdown, nearest, printable, unbroken
@@ -30,27 +29,36 @@ from tacevo.text import in_markdown, nearest, printable, unbroken
 _INDEXED = "index.md says which question each answers"
 
 
-def run_tables(options: argparse.Namespace) -> int:
-    """Write and print tables."""
-    places = places_of(options, "tables") if options.runs else []
-    show = Shown(columns=tuple(options.columns), notes=Notes(options.notes))
-    opened = open_all(options.runs, options.store)
+def run_tables(
+    names: Sequence[str],
+    places: Sequence[Path],
+    output: str | None,
+    *,
+    store: str | None,
+    paper: bool,
+    latex: bool,
+    columns: Sequence[str],
+    notes: str,
+) -> int:
+    """Write the tables of runs and sweeps, each in its place, and print those that a paper needs."""
+    show = Shown(columns=tuple(columns), notes=Notes(notes))
+    opened = open_all(names, store)
     runs = [one for one in opened if isinstance(one, Run)]
-    beside = list(with_published(runs)) if options.paper else []
+    beside = list(with_published(runs)) if paper else []
     if len(opened) == 1:
-        _write(opened[0], places[0], show, latex=options.latex, beside=beside)
+        _write(opened[0], places[0], show, latex=latex, beside=beside)
         return status_of(opened[0])
     for number, (one, place) in enumerate(zip(opened, places, strict=True), start=1):
-        _write(one, place, show, latex=options.latex, prefix=f"run{number}:")
+        _write(one, place, show, latex=latex, prefix=f"run{number}:")
     if len(runs) > 1:
         tables, alone = side_by_side([one.collection for one in runs])
         say(alone)
         beside += tables
-    if options.output is not None:
-        write_tables(beside, output_directory(options.output), runs=[place.name for place in places], show=show)
-    _print(beside, show, options.latex)
-    if options.output is not None:
-        tell(f"tables: {options.output} ({_INDEXED})")
+    if output is not None:
+        write_tables(beside, output_directory(output), runs=[place.name for place in places], show=show)
+    _print(beside, show, latex)
+    if output is not None:
+        tell(f"tables: {output} ({_INDEXED})")
     return max(map(status_of, opened), default=DONE)
 
 

@@ -1,7 +1,7 @@
 """The command `tacevo tabulate`."""
 
-import argparse
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
@@ -17,22 +17,22 @@ from tacevo.studies.tabulate import tabulate
 _NICE = 10
 
 
-def run_tabulate(options: argparse.Namespace) -> int:
+def run_tabulate(overrides: Sequence[str], output: str, seeds: int) -> int:
     """Make the table of a space; the status is 1 if a network was refused or failed to train."""
-    config = compose(options.overrides)
-    check_experiment(options.overrides)
-    target = Path(options.output)
+    config = compose(overrides)
+    check_experiment(overrides)
+    target = Path(output)
     output_directory(target.parent)
     if target.is_dir():
         raise ConfigError(f"the directory {target}", place="-o", expected="the file to write")
     lower_priority(_NICE)
     with Progress() as view:
         view.say(f"at low priority (nice {_NICE}): other work of this machine goes first")
-        table = tabulate(config, target, view, seeds=options.seeds)
-    tell(f"table:  {options.output} ({table.name})")
+        table = tabulate(config, target, view, seeds=seeds)
+    tell(f"table:  {output} ({table.name})")
     for line in table.failures:
         tell(f"failed: {line}")
-    place = shlex.quote(options.output)
+    place = shlex.quote(output)
     tell(f"verify: {as_typed('tacevo')} replay {place} --retrain 5")
     tell(f"next:   {as_typed('tacevo')} search experiment=space data=table data.root={place}")
     tell(f"digest: {table.digest}")

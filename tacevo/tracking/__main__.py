@@ -11,7 +11,7 @@ import traceback
 from pathlib import Path
 
 from tacevo.sandbox.kernel import keep_priority, lower_priority
-from tacevo.tracking.process import prepare, store_address, without_address
+from tacevo.tracking.address import prepare, store_address, without_address
 
 _LOW_PRIORITY = 10
 

@@ -23,17 +23,23 @@ from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.results.study_lines import FailedLine, ScoreLine, StudyRecord
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.params import Point, config_params
-from tacevo.tracking.writer import SearchWriter
+from tacevo.tracking.shown import EVERY_GENERATION, STUDY_TAG, Point, Shown, config_params, note
+from tacevo.tracking.store import NOTE_TAG, Search
 
 #: What MLflow does not take in the name of a metric: that of an output may be any text.
 _FOREIGN = re.compile(r"[^\w.\- ]")
+
+#: A metric that is known only once the search has ended.
+_ARCHIVE_MEDIAN = "archive_median"
+
+#: What a study found in short, among its artifacts.
+_FOUND = "outcome.md"
 
 #: The columns of a comparison that stand in the store by network.
 _STATISTICS = ("median", "p_holm", "a12", "difference")
 
 
-def write_findings(writer: SearchWriter, directory: RunDirectory) -> None:
+def write_findings(search: Search, directory: RunDirectory) -> None:
     """Write what the store lacks of a finished run: the median fitness of its archive by generation, and its studies.
 
     There are no medians where the niches that the run was searched with are not at hand, as its stores have them.
@@ -41,12 +47,14 @@ def write_findings(writer: SearchWriter, directory: RunDirectory) -> None:
     Raises:
         RunError: the run or a study is damaged, or the store holds another study of that name.
     """
-    if writer.lacks_medians:
+    if not search.steps(_ARCHIVE_MEDIAN) >= search.steps(EVERY_GENERATION):
         with contextlib.suppress(RunError, StoreError):
             run = read_run(directory.path)
-            writer.write_medians(archive_medians(run, load_niches(run).networks))
+            medians = archive_medians(run, load_niches(run).networks)
+            points = [(_ARCHIVE_MEDIAN, median, step) for step, median in enumerate(medians) if median is not None]
+            search.add_points(points, known_by=_ARCHIVE_MEDIAN)
     known = {one.path.name: one.read().digest for one in studies_of(directory.path)}
-    missing = {name for name, digest in known.items() if digest is not None and writer.lacks(name, digest)}
+    missing = {name for name, digest in known.items() if digest is not None and search.lacks(name, digest)}
     if not missing:
         return
     run = read_run(directory.path)
@@ -54,21 +62,30 @@ def write_findings(writer: SearchWriter, directory: RunDirectory) -> None:
     told, compared = outcomes(run, studies), {one.name: one for one in studies.studies}
     again = {one.name: one for one in studies.reestimates}
     for finished in studies.finished:
-        name, scores = finished.path.name, finished.scores
+        name = finished.path.name
         if name not in missing:
             continue
-        shown = _table(run, compared.get(name), again.get(name))
-        is_noise = finished.record.terms is None
-        writer.write_study(
-            name,
-            scores.digest,
-            study_params(finished.record) | _verdicts(compared.get(name)),
-            [*score_measures(finished), *_statistics(compared.get(name), again.get(name) if is_noise else None)],
-            command="tacevo noise" if is_noise else "tacevo study",
-            description=as_markdown(told[name]) if name in told else "",
-            files={} if shown is None else {f"{shown.name}.md": as_markdown(shown), f"{shown.name}.csv": as_csv(shown)},
-            whole=not any(isinstance(row, FailedLine) for row in scores.rows),
-        )
+        found = as_markdown(told[name]) if name in told else ""
+        search.add(_shown(run, finished, found, compared.get(name), again.get(name)))
+
+
+def _shown(
+    run: RecordedRun, finished: FinishedStudy, found: str, compared: Compared | None, again: Reestimates | None
+) -> Shown:
+    """Show a study or a noise run; `found` is what it found in short, in Markdown."""
+    is_noise, table = finished.record.terms is None, _table(run, compared, again)
+    tables = {} if table is None else {f"{table.name}.md": as_markdown(table), f"{table.name}.csv": as_csv(table)}
+    command = "tacevo noise" if is_noise else "tacevo study"
+    return Shown(
+        tag=STUDY_TAG,
+        name=finished.path.name,
+        line=finished.scores.digest,
+        params=study_params(finished.record) | _verdicts(compared),
+        points=[*score_measures(finished), *_statistics(compared, again if is_noise else None)],
+        tags={"mlflow.source.name": command, "mlflow.source.type": "LOCAL", NOTE_TAG: note(found, _FOUND)},
+        files={_FOUND: found, **tables},
+        failed=any(isinstance(row, FailedLine) for row in finished.scores.rows),
+    )
 
 
 def study_params(study: StudyRecord) -> dict[str, str]:

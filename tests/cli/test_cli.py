@@ -20,7 +20,8 @@ from refusals import refused
 from smallest import UNTRACKED
 from waiting import eventually
 
-from tacevo.cli.app import LINES, main
+from tacevo.cli.app import main
+from tacevo.cli.commands import OURS
 from tacevo.cli.common import output_directory
 from tacevo.cli.search import print_end
 from tacevo.config.compose import compose
@@ -220,7 +221,7 @@ def test_help_is_complete_and_mistakes_are_answered_without_any_library(place: P
     )
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert "slow: []" in out
-    for command in LINES:
+    for command in OURS:
         assert re.search(rf"^  {command}\b", out, re.MULTILINE)
 
 

@@ -14,7 +14,8 @@ from checkout import ROOT
 from waiting import eventually
 
 from tacevo.cli import edge
-from tacevo.cli.app import WITHOUT_ANALYSIS, main
+from tacevo.cli.app import main
+from tacevo.cli.commands import WITHOUT_ANALYSIS
 from tacevo.errors import telling
 
 

@@ -20,8 +20,8 @@ from tacevo.results.noise_runs import noise_digest
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory, SweepRecord
 from tacevo.text import as_override
-from tacevo.tracking.params import viewing
-from tacevo.tracking.process import Mirror
+from tacevo.tracking.address import viewing
+from tacevo.tracking.tracker import Mirror
 
 #: The name of a directory in which a shell and Hydra would each read something else.
 HOSTILE = 'it\'s [a] "b", ${c}; (1=2) & #3'
@@ -60,8 +60,8 @@ def test_store_is_looked_at_by_a_command_that_can_be_typed() -> None:
 
 def test_warning_of_the_mirror_names_the_run(tmp_path: Path) -> None:
     """Its command writes what is missing."""
-    mirror = Mirror(tmp_path / HOSTILE, uri="sqlite:///mlflow.db", experiment="tacevo")
-    mirror.start()  # the directory is missing
+    mirror = Mirror([tmp_path / HOSTILE], uri="sqlite:///mlflow.db", experiment="tacevo")  # which is missing
+
     assert printed(mirror.finish(None) or "") == [["tacevo", "track", str(tmp_path / HOSTILE)]]
 
 

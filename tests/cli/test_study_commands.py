@@ -11,7 +11,7 @@ from rich.console import Console
 
 from tacevo.choices import MarginKind
 from tacevo.cli.app import main
-from tacevo.cli.arguments import NOISE_SETTINGS, SETTINGS
+from tacevo.cli.settings import NOISE, STUDY
 from tacevo.config.compose import compose_noise, compose_study
 from tacevo.config.schema import keys
 from tacevo.config.study import NoiseConfig, StudyConfig
@@ -24,8 +24,8 @@ UNTOLD = {"executor.kind", "store", "margins", "margins.regression", "margins.cl
 
 def test_every_setting_is_told() -> None:
     """What a study or a noise run takes stands in its help, and nothing else."""
-    assert SETTINGS.keys() == set(keys(StudyConfig)) - UNTOLD
-    assert NOISE_SETTINGS.keys() == set(keys(NoiseConfig)) - UNTOLD
+    assert STUDY.keys() == set(keys(StudyConfig)) - UNTOLD
+    assert NOISE.keys() == set(keys(NoiseConfig)) - UNTOLD
 
 
 def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) -> None:

@@ -121,7 +121,7 @@ EACH = dict.fromkeys(command for commands in COMMANDS.values() for command, _ in
 @pytest.mark.parametrize("command", [command for command in EACH if not OF_A_READER.search(command)])
 def test_written_command_can_be_typed(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The command line reads it; every value of a search's settings is composed; an estimate needs no model."""
-    monkeypatch.setattr("tacevo.cli.arguments.check_place", lambda path: None)  # runs/NAME is not there
+    monkeypatch.setattr("tacevo.cli.commands.check_place", lambda path: None)  # runs/NAME is not there
     words = shlex.split(command)[1:]
     _parsed(words)
     if words[0] != "search":

@@ -38,7 +38,7 @@ from smallest import UNTRACKED
 from tacevo.cli.app import main
 from tacevo.sandbox.processes import children, descendants
 from tacevo.storage.store import SEARCHED
-from tacevo.tracking.lock import alone
+from tacevo.tracking.mirror import alone
 
 pytestmark = unhurried
 

@@ -3,7 +3,6 @@
 import io
 import json
 import re
-from argparse import Namespace
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -307,7 +306,7 @@ def test_two_replays_draw_by_two_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(commands, "retrain", note)
     for draw in (None, None, 7):
-        commands._retrain([], Namespace(store=None, retrain=5, draw=draw), Progress(Console(quiet=True)))
+        commands._retrain([], None, 5, draw, Progress(Console(quiet=True)))
     assert seeds[0] != seeds[1]
     assert seeds[2] == 7
 

@@ -16,8 +16,8 @@ from tacevo.cli.app import main
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, RunError
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.backfill import find_runs, track
-from tacevo.tracking.lock import alone
+from tacevo.tracking.mirror import alone
+from tacevo.tracking.track import find_runs, track
 
 #: Seconds after which a process is taken for stuck; machines are busy.
 PATIENCE = 300

@@ -42,7 +42,7 @@ from tacevo.evolution.run_files import Line
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored_together
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.process import Mirror
+from tacevo.tracking.tracker import Mirror
 
 #: Seconds after which a process is taken for stuck; the mirror has a low priority, and machines are busy.
 PATIENCE = 300
@@ -59,15 +59,13 @@ def run_dir(tmp_path: Path) -> Path:
 def test_mirror_leaves_no_file_open_and_its_failure_is_told(run_dir: Path) -> None:
     """Many searches of one process do not run out of descriptors; and where there are none, the search goes on."""
     before = os.listdir("/proc/self/fd")
-    mirror = Mirror(run_dir, uri=f"sqlite:///{run_dir}/run.json/no.db", experiment="tacevo")
-    mirror.start()
+    mirror = Mirror([run_dir], uri=f"sqlite:///{run_dir}/run.json/no.db", experiment="tacevo")
     assert mirror.finish(PATIENCE) is not None
     assert os.listdir("/proc/self/fd") == before
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
     try:
-        mirror = Mirror(run_dir, uri="", experiment="tacevo")
-        mirror.start()
+        mirror = Mirror([run_dir], uri="", experiment="tacevo")
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     assert "Too many open files" in str(mirror.finish(None))
@@ -223,8 +221,7 @@ def test_process_follows_a_growing_ledger(tmp_path: Path, uri: str) -> None:
     """The process writes lines as they come, and ends when it is told that no more will."""
     run_dir = tmp_path / "run"
     build_run(run_dir, LINES[:2], whole=False)
-    mirror = Mirror(run_dir, uri=uri, experiment="tacevo")
-    mirror.start()
+    mirror = Mirror([run_dir], uri=uri, experiment="tacevo")
     assert eventually(lambda: any((tmp_path / "mlartifacts").rglob("g00s00.py")), seconds=PATIENCE)
     digest = build_run(run_dir, LINES)
     assert mirror.finish(PATIENCE) is None
@@ -237,8 +234,7 @@ def test_process_follows_a_growing_ledger(tmp_path: Path, uri: str) -> None:
 def test_address_in_the_environment_is_not_recorded(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A whole address, with a password, may come from MLFLOW_TRACKING_URI; log and warning name the variable."""
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "nonsense://user:s3cret@nowhere")
-    mirror = Mirror(run_dir, uri="", experiment="tacevo")
-    mirror.start()
+    mirror = Mirror([run_dir], uri="", experiment="tacevo")
     warning = mirror.finish(PATIENCE)
     assert "the MLflow mirror to $MLFLOW_TRACKING_URI failed: " in str(warning)
     assert "the run itself is not affected" in str(warning)
@@ -298,11 +294,9 @@ def test_mirror_that_cannot_work_is_one_line_for_the_user(run_dir: Path, monkeyp
         (run_dir.parent / "missing", "sqlite:///mlflow.db", "No such file or directory"),
         (run_dir, "", "tracking.uri: expected the address of an MLflow store"),
     ):
-        mirror = Mirror(folder, uri=uri, experiment="tacevo")
-        mirror.start()
+        mirror = Mirror([folder], uri=uri, experiment="tacevo")
         assert words in str(mirror.finish(PATIENCE))
-    mirror = Mirror(run_dir, uri="", experiment="tacevo")
-    mirror.start()
+    mirror = Mirror([run_dir], uri="", experiment="tacevo")
     (run_dir / "tracking.log").unlink()
     assert "tracking.log" in str(mirror.finish(PATIENCE)).partition(";")[0]
 
@@ -311,8 +305,7 @@ def test_mirror_that_cannot_work_is_one_line_for_the_user(run_dir: Path, monkeyp
 def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that needs longer than the search waits is reported, and goes on; where no address is given, in that here."""
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-    mirror = Mirror(run_dir, uri="", experiment="tacevo")
-    mirror.start()
+    mirror = Mirror([run_dir], uri="", experiment="tacevo")
     said = str(mirror.finish(0))
     assert "continues by itself" in said
     assert not re.search("tacevo track|tracking.log", said)  # the one would be refused now, the other is empty
@@ -324,7 +317,7 @@ def test_experiment_that_another_mirror_creates_at_the_same_time_is_taken() -> N
     """Two searches begin at once: one creates it, the other finds it, and an error of another kind is not hidden."""
     from mlflow.exceptions import MlflowException
 
-    from tacevo.tracking.mlflow_store import find_or_create_experiment
+    from tacevo.tracking.store import find_or_create_experiment
 
     def client(*experiments: SimpleNamespace | None) -> Any:
         answers = iter(experiments)
@@ -343,7 +336,7 @@ def test_experiment_that_another_mirror_creates_at_the_same_time_is_taken() -> N
 
 def test_database_that_another_mirror_has_made_meanwhile_is_kept(tmp_path: Path) -> None:
     """What a killed mirror left beside it is removed."""
-    from tacevo.tracking.mlflow_store import _create
+    from tacevo.tracking.store import _create
 
     (tmp_path / "mlflow.db").write_bytes(b"made")
     part = tmp_path / ".mlflow.db.part"

@@ -9,7 +9,7 @@ from mirrored import CODE, DATA, LINES, build_run, facts, mirror_once, open_stor
 from tacevo.environment import Code, checked_out
 from tacevo.errors import RunError
 from tacevo.storage.run_directory import RunRecord
-from tacevo.tracking.data_and_code import data_set, source_tags
+from tacevo.tracking.shown import data_set, source_tags
 from tacevo.typed import convert
 
 

@@ -11,7 +11,7 @@ from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, RepairedAnswer
 from tacevo.records import Json, Reason, Stage
-from tacevo.tracking.params import (
+from tacevo.tracking.shown import (
     LONGEST_PARAM,
     Point,
     Totals,

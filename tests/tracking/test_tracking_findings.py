@@ -14,7 +14,7 @@ import tacevo
 from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.results.study_directory import studies_of
-from tacevo.tracking.backfill import track
+from tacevo.tracking.track import track
 
 
 def study_of(run: Path) -> tuple[tacevo.Run, Any]:

@@ -14,8 +14,8 @@ from mirrored import LINES, build_run, contents, mirror_once, open_store
 
 from tacevo.records import to_json
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.backfill import track
-from tacevo.tracking.process import Mirror
+from tacevo.tracking.track import track
+from tacevo.tracking.tracker import Mirror
 
 
 @pytest.fixture
@@ -119,8 +119,7 @@ def silent() -> Iterator[str]:
 @pytest.mark.slow
 def test_store_that_does_not_answer_is_not_said_to_be_written(run_dir: Path, silent: str) -> None:
     """One line says that the mirror is still at it: no other command may write there meanwhile."""
-    mirror = Mirror(run_dir, uri=silent, experiment="tacevo")
-    mirror.start()
+    mirror = Mirror([run_dir], uri=silent, experiment="tacevo")
     try:
         warning = str(mirror.finish(5))
     finally:

@@ -14,7 +14,7 @@ from interruptions import comes
 from mirrored import LINES, build_run, build_sweep, everything
 from test_backfill import quietly
 
-from tacevo.tracking.backfill import track
+from tacevo.tracking.track import track
 
 pytestmark = pytest.mark.slow
 

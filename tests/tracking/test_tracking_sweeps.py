@@ -80,18 +80,18 @@ def test_run_beside_the_jobs_of_a_sweep_stands_alone(sweep: Path, uri: str) -> N
 
 def test_jobs_that_begin_at_once_share_one_sweep(sweep: Path, uri: str) -> None:
     """On one machine, one run is created, however many mirrors look for it at the same moment."""
-    from tacevo.tracking.mlflow_store import PARENT_TAG, find_or_create_experiment, open_store
-    from tacevo.tracking.sweep_run import find_sweep, join_sweep
+    from tacevo.tracking.mirror import find_job, join_sweep
+    from tacevo.tracking.store import PARENT_TAG, Store
 
-    member = find_sweep(sweep / "none-seed0")
+    member = find_job(sweep / "none-seed0")
     assert member is not None
-    experiment = find_or_create_experiment(open_store(uri), "tacevo")
+    Store.open(uri, "tacevo")
     barrier = Barrier(4)
 
     def join(_: int) -> str:
-        client = open_store(uri)
+        store = Store.open(uri, "tacevo")
         barrier.wait()
-        return join_sweep(client, experiment, *member)[PARENT_TAG]
+        return join_sweep(store, *member)[PARENT_TAG]
 
     with ThreadPoolExecutor(4) as pool:
         assert len(set(pool.map(join, range(4)))) == 1

@@ -14,9 +14,8 @@ from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.run_files import read_ledger
 from tacevo.redaction import check_address
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.data_and_code import read_settings
-from tacevo.tracking.mlflow_errors import MlflowError, told
-from tacevo.tracking.process import prepare, store_address
+from tacevo.tracking.address import MlflowError, prepare, store_address, told
+from tacevo.tracking.shown import read_settings
 
 #: A directory with one of these is that of a run, perhaps a damaged one.
 _MARKS = frozenset({"run.json", "ledger.jsonl"})

@@ -1,23 +1,28 @@
-"""What MLflow shows of a run: pure functions from its configuration and ledger lines to params and metrics."""
+"""What MLflow shows of a run: pure functions from its records to params, metrics, tags and nested runs."""
 
 import json
-import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import AliasPath, Field
 
 from tacevo.choices import PAPER_AXES
 from tacevo.costs import Spending, total
+from tacevo.environment import Code
+from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine, GenerationLine
-from tacevo.records import Instruction, Json, Operator
+from tacevo.parts.facts import source_facts
+from tacevo.records import STRICT, Instruction, Json, Operator
 from tacevo.storage.canonical import leaves
+from tacevo.storage.run_directory import RunRecord
+from tacevo.typed import convert
 
 #: The longest param, in characters: older MLflow servers refuse more.
 LONGEST_PARAM = 500
 
 #: The longest description of a run, in characters, for the same reason.
 _LONGEST_NOTE = 5_000
-
-#: The environment variable in which MLflow itself looks for a tracking URI.
-URI_VARIABLE = "MLFLOW_TRACKING_URI"
 
 _GENERATION_METRICS = (
     "best",
@@ -32,6 +37,9 @@ _GENERATION_METRICS = (
     "skipped",
     "temperature",
 )
+
+#: One of them that every generation has; by its steps the generations in a store are known.
+EVERY_GENERATION = "candidates"
 
 _CANDIDATE_METRICS = (
     "fitness",
@@ -49,6 +57,42 @@ _CANDIDATE_METRICS = (
 #: One value of a metric: its name, the value, and the step, which is the generation of a search's metrics, the epoch
 #: of a loss, and 0 of a candidate's other metrics.
 Point = tuple[str, float, int]
+
+
+#: The tags that name a nested run: the id of a candidate, the directory of a study.
+CANDIDATE_TAG, STUDY_TAG = "tacevo.candidate", "tacevo.study"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """A candidate or a study as MLflow shows it: a run that is nested in that of its search."""
+
+    #: `CANDIDATE_TAG` or `STUDY_TAG`.
+    tag: str
+    name: str
+    #: The hash of the line that it comes from: a candidate's in the ledger, the last one of a study's scores.
+    line: str
+    params: Mapping[str, str]
+    points: Sequence[Point]
+    tags: Mapping[str, str] = field(default_factory=dict)
+    #: Artifacts by name.
+    files: Mapping[str, str] = field(default_factory=dict)
+    failed: bool = False
+
+
+def shown_candidate(
+    line: CandidateLine, seal: str, instructions: Sequence[Instruction], spent: Spending, source: str | None
+) -> Shown:
+    """Show a candidate of the ledger; `seal` is the hash of its line, `source` the text that it was admitted with."""
+    return Shown(
+        tag=CANDIDATE_TAG,
+        name=line.id,
+        line=seal,
+        params=candidate_params(line, instructions),
+        points=(*candidate_measures(line), *cost_measures(spent, 0)),
+        files={} if source is None else {f"{line.id}.py": source},
+        failed=line.stage is not None,
+    )
 
 
 def config_params(config: Mapping[str, Json]) -> dict[str, str]:
@@ -124,22 +168,6 @@ def note(text: str, file: str) -> str:
     return text[: _LONGEST_NOTE - len(more)].rpartition("\n")[0] + more
 
 
-def shown_address(uri: str) -> str:
-    """Return a tracking URI, or the name of the environment variable that holds it."""
-    return uri or f"${URI_VARIABLE}"
-
-
-def viewing(uri: str, mlflow: str) -> str:
-    """Return how to look at a store: a server's own page, or a command that serves one.
-
-    An empty URI is the one in MLFLOW_TRACKING_URI; `mlflow` is how that command is spelt here.
-    """
-    if uri.startswith(("http://", "https://")):
-        return uri
-    address = shlex.quote(uri) if uri else f'"${URI_VARIABLE}"'
-    return f"{mlflow} ui --backend-store-uri {address}"
-
-
 def _text(value: Json) -> str:
     return str(value) if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
@@ -173,3 +201,73 @@ class Totals:
             figures["trainable_rate"] = sum(self._shares) / len(self._shares)
         costs = {f"total_{key}": value for key, value, _ in cost_measures(self._spent, line.generation)}
         return _measures({**figures, **costs}, line.generation)
+
+
+#: The longest digest that MLflow keeps, in characters.
+_DIGEST = 36
+
+#: What makes simulated images; without a commit, because the runs of several share one data set in MLflow.
+_SIMULATION = {"mlflow.source.name": "tacevo data simulate", "mlflow.source.type": "LOCAL"}
+
+#: The mirror reads a part of the configuration.
+_PART = {**STRICT, "extra": "ignore"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSettings:
+    """The settings of a run that the mirror acts on, out of its whole configuration."""
+
+    __pydantic_config__ = _PART
+
+    source: Annotated[str, Field(validation_alias=AliasPath("data", "source"))]
+    root: Annotated[str | None, Field(validation_alias=AliasPath("data", "root"))]
+    uri: Annotated[str, Field(validation_alias=AliasPath("tracking", "uri"))]
+    experiment: Annotated[str, Field(validation_alias=AliasPath("tracking", "experiment"))]
+
+
+def read_settings(run: RunRecord, place: str = "run.json") -> RunSettings:
+    """Read the settings that the mirror acts on.
+
+    Raises:
+        RunError: the configuration lacks one.
+    """
+    return convert(RunSettings, run.config, place=f"{place}, config", error=RunError, remedy="restore the file")
+
+
+def source_tags(code: Code | None) -> dict[str, str]:
+    """Return the tags by which MLflow shows the code of a run: the command, and the commit where one is recorded."""
+    tags = {"mlflow.source.name": "tacevo search", "mlflow.source.type": "LOCAL"}
+    if code is not None:
+        tags |= {"mlflow.source.git.commit": code.commit, "mlflow.source.git.dirty": json.dumps(code.dirty)}
+    return tags
+
+
+def shown_config(run: RunRecord) -> dict[str, Json]:
+    """Return a run's configuration as MLflow shows it: its model is called by the label, if it has one."""
+    config, llm = dict(run.config), run.config.get("llm")
+    if isinstance(llm, Mapping) and llm.get("label"):
+        config["llm"] = {**llm, "model": llm["label"]}
+    return config
+
+
+def search_tags(run: RunRecord) -> dict[str, str]:
+    """Return the tags by which searches are found: task, and what answered, unless the networks were given."""
+    llm = shown_config(run).get("llm", {})
+    asked = llm if isinstance(llm, Mapping) and not run.task.given else {}
+    answered = {f"tacevo.{key}": str(asked[key]) for key in ("provider", "model") if key in asked}
+    return {"tacevo.task": run.task.name, **answered}
+
+
+def data_set(run: RunRecord) -> dict[str, str]:
+    """Name the data set of a run in the fields of MLflow's entity: images made here come from code, others from a root.
+
+    The digest is the beginning of the fingerprint, as much as MLflow keeps.
+    """
+    origin = read_settings(run)
+    is_simulated = source_facts(origin.source).is_made
+    return {
+        "name": f"{run.task.name} ({origin.source})",
+        "digest": run.data.fingerprint[:_DIGEST],
+        "source_type": "code" if is_simulated else "local",
+        "source": json.dumps({"tags": _SIMULATION} if is_simulated else {"uri": origin.root or ""}),
+    }
