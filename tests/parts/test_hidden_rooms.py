@@ -115,6 +115,7 @@ NAMING = {
     "init": ["init mine"],
     "crate": ["publish runs/first -o again.zip"],
     "motifs": ["publish runs/first -o again.zip"],
+    "surrogate": [f"search {SETTINGS} proposals.skipped=0.5"],
 }
 
 

@@ -38,6 +38,7 @@ ROOMS: Mapping[str, str] = {
     "transfer": "analysis.tables.transfer analysis.studies.transfer",
     "published": "analysis.tables.published",
     "gpus": "tacevo.training.leases",
+    "surrogate": "tacevo.evolution.surrogate",
 }
 
 #: Python imports it first in every process: what is hidden is found nowhere, as if it were not installed.
