@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Table
 from tacevo.errors import ConfigError, TacevoError
 from tacevo.parts.facts import OUTPUT_TABLES
@@ -52,6 +53,12 @@ class Outputs:
         for part, output in self.known:
             with _blaming(part):
                 yield from output.study_tables(run, study)
+
+    def reestimate_tables(self, run: "Collection", again: Reestimates) -> Iterator[Table]:
+        """Make their tables of re-estimates."""
+        for part, output in self.known:
+            with _blaming(part):
+                yield from output.reestimate_tables(run, again)
 
     def beside(self, runs: Sequence[RecordedRun]) -> Iterator[Table]:
         """Make their tables that set runs beside what others published."""

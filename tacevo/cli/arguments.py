@@ -151,7 +151,7 @@ def add_noise(parser: Parser) -> None:
         "image is used. The exit status is 1 if a training or a job did not finish."
     )
     _finish(parser, NOISE_SETTINGS, _NOISE_EPILOG)
-    parser.set_defaults(command=_later("study", "noise"))
+    parser.set_defaults(command=_later("noise", "noise"))
 
 
 def _finish(parser: Parser, described: Mapping[str, str], examples: str) -> None:
