@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.report.outputs import Outputs, outputs
+from analysis.report.outputs import Outputs, Say, outputs, unsaid
 from analysis.runs.niches import Niches, load_niches
 from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import compare
@@ -293,12 +293,16 @@ def outcomes(run: RecordedRun, whole: Studies) -> dict[str, Table]:
 
 
 def tables_of(
-    collection: Collection, profiles: Mapping[str, Profile] | None, installed: Outputs | None = None
+    collection: Collection,
+    profiles: Mapping[str, Profile] | None,
+    installed: Outputs | None = None,
+    say: Say = unsaid,
 ) -> tuple[Table, ...]:
     """Return every table of a run and its studies; the names of a study's tables begin with its own.
 
     Without the profiles of its trained candidates, by id, there is no table of motifs. Of installed outputs there are
-    those of ours unless others are given; what is missing of them, who calls must say.
+    those of ours unless others are given; what is missing of them, who calls must say. `say` is called with a sentence
+    on what others cannot make.
     """
     known = outputs(ours=True) if installed is None else installed
     run = collection.run
@@ -315,16 +319,16 @@ def tables_of(
     tables += [health_table(run, collection.niches.networks), niches_table(run, collection.niches)]
     if run.elites:
         tables.append(lineage_table(run, run.ranked()[0].id))
-    tables += known.tables(collection, profiles)
+    tables += known.tables(collection, profiles, say)
     everywhere = [compared.study for compared in (*collection.studies, *collection.passed_over)]
     for compared in collection.studies:
         of_study = [
             *study_tables(compared.study, compared.comparisons, is_alone=is_alone(compared.study, everywhere)),
-            *known.study_tables(collection, compared),
+            *known.study_tables(collection, compared, say),
         ]
         tables += [_of_study(table, compared) for table in of_study]
     for one in collection.reestimates:
-        of_noise = known.reestimate_tables(collection, one)
+        of_noise = known.reestimate_tables(collection, one, say)
         tables += [replace(table, name=f"{one.name}/{table.name}") for table in of_noise]
     return tuple(tables)
 
