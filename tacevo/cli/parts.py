@@ -12,7 +12,7 @@ from tacevo.config.chosen import part_of
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, PartError, TacevoError
-from tacevo.parts.kinds import KINDS, Kind
+from tacevo.parts.kinds import KINDS, OUTPUTS, Kind
 from tacevo.parts.known import first_line_of, lacking
 from tacevo.parts.registry import Part, ambiguous, find, import_file, names, parts, shadowed
 from tacevo.parts.testing import contracts, kind_of
@@ -40,7 +40,10 @@ def add_parts(parser: Parser) -> None:
         help="with `check`: a name, FILE.py:CLASS, FILE.py for all parts in it, or SETTING=NAME as a search has it",
     )
     parser.add_argument(
-        "overrides", nargs="*", metavar="OVERRIDE", help=f"the settings that it is made with: {OVERRIDE}"
+        "overrides",
+        nargs="*",
+        metavar="OVERRIDE",
+        help=f"its settings: {OVERRIDE}; of an output run=RUN, which it is tried with",
     )
     parser.set_defaults(command=_parts, interrupted="nothing was changed")
 
@@ -157,8 +160,22 @@ def _tested(kind: Kind, name: str, overrides: Sequence[str]) -> Iterator[tuple[s
         yield promise, str(error)
         return
     yield promise, ""
-    for contract in contracts(part):
+    for contract in contracts(part, run=_run_of(kind, overrides)):
         yield str(contract), contract.fault()
+
+
+def _run_of(kind: Kind, overrides: Sequence[str]) -> str | None:
+    """Return the run or the sweep that an output is tried with, as in `run=runs/NAME`.
+
+    Raises:
+        ConfigError: another setting is given, and it has none.
+    """
+    if kind is not OUTPUTS:
+        return None
+    for override in overrides:
+        if not override.startswith("run="):
+            raise ConfigError(override, place="tacevo parts check", expected="run=RUN, which an output is tried with")
+    return overrides[-1].removeprefix("run=") if overrides else None
 
 
 def _is_of_part(error: TacevoError, kind: Kind) -> bool:
