@@ -192,7 +192,7 @@ def outputs(*, ours: bool = False) -> Outputs:
         said: list[str] = []
         try:
             with left_out(part, "tables", said.append):
-                known.append((part, _made(part)))
+                known.append((part, _instance(part)))
         except ConfigError as error:
             said.append(f"no tables of {part.name}: {error}")
         if said:
@@ -200,7 +200,7 @@ def outputs(*, ours: bool = False) -> Outputs:
     return Outputs(known=tuple(known), missing=lacking)
 
 
-def _made(part: Part) -> Output:
+def _instance(part: Part) -> Output:
     """Import an output, and make it."""
     made = part.load()()
     if not isinstance(made, Output):
