@@ -291,7 +291,7 @@ def test_what_is_no_file_of_sources_is_never_read(recorded: Path, tmp_path: Path
     """Below `parts/` of a run: in place of a source it is not what decided, and beside the sources it is nothing."""
     shutil.copytree(recorded / "run", tmp_path / "run")
     lay(tmp_path / "run/parts/Greedy/other.py")
-    asked = ["replay", "run", "--store", recorded / "cache"]
+    asked = "replay", "run", "--store", str(recorded / "cache")
     assert "EQUAL: " in tacevo(*asked, cwd=tmp_path).stdout
     source = tmp_path / "run/parts/Greedy/honest.py"
     source.unlink()
@@ -358,7 +358,7 @@ def test_settings_of_a_part_stand_in_the_file_of_an_arm(tmp_path: Path) -> None:
     (tmp_path / "ablation").mkdir()
     arm = tmp_path / "ablation/mine.yaml"
     arm.write_text(f"proposals:\n  parents: {HONEST}:Greedy\nparts:\n  Greedy:\n    k: 4\n")
-    with reading_own(tmp_path):
+    with reading_own(str(tmp_path)):
         for given in ([], ["parts.Greedy.margin=0.5"]):
             config = compose(["experiment=demo", "ablation=mine", *given])
             assert config.parts["Greedy"] == {"k": 4, "margin": 0.5 if given else 0.0}
