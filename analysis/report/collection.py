@@ -8,11 +8,10 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.report.outputs import Outputs, outputs
+from analysis.report.outputs import Outputs, Say, outputs, unsaid
 from analysis.runs.niches import Niches, load_niches
 from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import compare
-from analysis.studies.corrected import correct
 from analysis.studies.other_data import is_alone
 from analysis.studies.reestimates import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
@@ -29,8 +28,7 @@ from analysis.tables.dynamics import (
 )
 from analysis.tables.health import health_table, niches_table
 from analysis.tables.instruction_tables import instructions_table
-from analysis.tables.noise import corrected_table, noise_tables
-from analysis.tables.outcome import noise_outcome, study_outcome
+from analysis.tables.outcome import study_outcome
 from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
@@ -164,6 +162,9 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
             unread[one.path.name] = f"no re-estimates by {one.path.name}: {_reason(error, run)}"
         except RunError as error:
             (left_out if one.record.terms is None else remarks).append(f"no re-estimates: {_reason(error, run)}")
+    of_noise = [one.path.name for one in known if one.record.terms is None]
+    if of_noise and "noise" in (missing := outputs(ours=True).missing):
+        remarks.append(f"nothing of {listed(of_noise)}: {missing['noise']}")
     if unread:
         remarks += [*unread.values(), f"no {listed(_OF_REESTIMATES)}, which rest on these re-estimates"]
     return Studies(
@@ -267,7 +268,10 @@ def _numbered(tables: Iterable[Table]) -> list[Table]:
 
 
 def outcomes(run: RecordedRun, whole: Studies) -> dict[str, Table]:
-    """Return what each study and noise run of a run found in short, by the name of its directory."""
+    """Return what each study and noise run of a run found in short, by the name of its directory.
+
+    Where the output of noise is not installed, noise runs are left out.
+    """
     again = {one.name: one for one in whole.reestimates}
     studies = [one.study for one in whole.studies]
     tables = {
@@ -280,18 +284,25 @@ def outcomes(run: RecordedRun, whole: Studies) -> dict[str, Table]:
         )
         for one in whole.studies
     }
-    return tables | {
-        name: noise_outcome(one, run.task, run.record.trivial) for name, one in again.items() if name not in tables
-    }
+    of_noise = {name: one for name, one in again.items() if name not in tables}
+    if not of_noise or "noise" in outputs(ours=True).missing:
+        return tables
+    from analysis.tables.noise_outcome import noise_outcome  # of an output, which may be missing
+
+    return tables | {name: noise_outcome(one, run.task, run.record.trivial) for name, one in of_noise.items()}
 
 
 def tables_of(
-    collection: Collection, profiles: Mapping[str, Profile] | None, installed: Outputs | None = None
+    collection: Collection,
+    profiles: Mapping[str, Profile] | None,
+    installed: Outputs | None = None,
+    say: Say = unsaid,
 ) -> tuple[Table, ...]:
     """Return every table of a run and its studies; the names of a study's tables begin with its own.
 
     Without the profiles of its trained candidates, by id, there is no table of motifs. Of installed outputs there are
-    those of ours unless others are given; what is missing of them, who calls must say.
+    those of ours unless others are given; what is missing of them, who calls must say. `say` is called with a sentence
+    on what others cannot make.
     """
     known = outputs(ours=True) if installed is None else installed
     run = collection.run
@@ -308,19 +319,16 @@ def tables_of(
     tables += [health_table(run, collection.niches.networks), niches_table(run, collection.niches)]
     if run.elites:
         tables.append(lineage_table(run, run.ranked()[0].id))
-    tables += known.tables(collection, profiles)
+    tables += known.tables(collection, profiles, say)
     everywhere = [compared.study for compared in (*collection.studies, *collection.passed_over)]
     for compared in collection.studies:
         of_study = [
             *study_tables(compared.study, compared.comparisons, is_alone=is_alone(compared.study, everywhere)),
-            *known.study_tables(collection, compared),
+            *known.study_tables(collection, compared, say),
         ]
         tables += [_of_study(table, compared) for table in of_study]
-    sources = {candidate.id: candidate.source for candidate in run.candidates}
     for one in collection.reestimates:
-        of_noise = list(noise_tables(one, run.task, run.record.trivial))
-        archives = correct(run.elites, run.places, sources, one)
-        of_noise += [] if archives is None else [corrected_table(archives, one, run.task)]
+        of_noise = known.reestimate_tables(collection, one, say)
         tables += [replace(table, name=f"{one.name}/{table.name}") for table in of_noise]
     return tuple(tables)
 

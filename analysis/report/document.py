@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from analysis.report.figure_list import OnDrawn, Picture, write_pictures
+from analysis.report.outputs import Say, unsaid
 from analysis.report.writing import place_of, write_tables
 from analysis.table import Table
 from analysis.tables.rendering import in_latex
@@ -66,9 +67,13 @@ def write_chapter(
     tables: Sequence[Table],
     pictures: Sequence[Picture],
     directory: Path,
+    *,
     on_drawn: OnDrawn = lambda name: None,
+    say: Say = unsaid,
 ) -> str:
     """Write what belongs together, on pages of its own, into a directory beside the document.
+
+    `on_drawn` and `say` are as of `write_pictures`.
 
     Returns:
         What the document has of it; labels begin with the name of the directory.
@@ -83,11 +88,11 @@ def write_chapter(
             remedy = "rename the directory of that study"
             raise RunError(place, expected="a name of letters, digits, '.', '_' and '-'", remedy=remedy)
     write_tables(tables, directory, prefix=f"{name}:")
-    write_pictures(pictures, directory, (".pdf",), on_drawn)
+    written = write_pictures(pictures, directory, (".pdf",), on_drawn, say)
     figures = [
         rf"\begin{{figure}}[htbp]\centering\includegraphics{{{name}/{picture.name}.pdf}}"
         rf"\caption{{{in_latex(picture.caption)}}}\label{{fig:{name}:{picture.name}}}\end{{figure}}"
-        for picture in pictures
+        for picture in written
     ]
     inputs = [rf"\input{{{name}/{place_of(table)}.tex}}" for table in tables]
     return "\n".join([rf"\section*{{{in_latex(title)}}}", *figures, *inputs, r"\clearpage", ""])

@@ -1,5 +1,6 @@
 """Which pictures a run, its studies and a sweep give, with the words below them; how they become files."""
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,6 +18,7 @@ from analysis.figures.pareto import pareto
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
 from analysis.report.collection import Collection
+from analysis.report.outputs import Say, left_out
 from analysis.report.sweep_collection import SweepCollection
 from analysis.rounding import p_in_words
 from analysis.runs.archive_history import archive_medians
@@ -29,6 +31,7 @@ from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.studies.reestimates import losses_by_source
 from analysis.tables.ablation import common_note, temperature_notes
 from tacevo.evolution.lines import TEMPERATURE
+from tacevo.parts.registry import Part
 from tacevo.records import Kind
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy
@@ -44,25 +47,59 @@ class Picture:
     name: str
     caption: str
     draw: Callable[[], Figure]
+    #: Whose output draws it; None of ours.
+    part: Part | None = None
 
 
 #: Is called with the name of a picture once it is drawn.
 OnDrawn = Callable[[str], object]
 
 
-def write_pictures(pictures: Iterable[Picture], directory: Path, endings: Sequence[str], on_drawn: OnDrawn) -> None:
+def write_pictures(
+    pictures: Iterable[Picture], directory: Path, endings: Sequence[str], on_drawn: OnDrawn, say: Say
+) -> list[Picture]:
     """Draw pictures into files, each written whole; older ones of the same names are replaced.
 
-    The endings, of `.pdf`, `.svg` and `.png`, are the formats.
+    Args:
+        pictures: those of somebody's output that raise are left out.
+        directory: of the files.
+        endings: of `.pdf`, `.svg` and `.png`, which are the formats.
+        on_drawn: is called with the name of each.
+        say: is called with a sentence on each that is left out.
+
+    Returns:
+        Those that were written.
 
     Raises:
         StoreError: a file cannot be written.
     """
+    written = []
     for picture in pictures:
-        figure = picture.draw()
-        for ending in endings:
-            write_durably(directory / f"{picture.name}{ending}", render(figure, ending))
+        drawn: dict[str, bytes] = {}
+        with contextlib.nullcontext() if picture.part is None else left_out(picture.part, _called(picture), say):
+            figure = picture.draw()
+            drawn = {ending: render(figure, ending) for ending in endings}
+        for ending, content in drawn.items():
+            write_durably(directory / f"{picture.name}{ending}", content)
         on_drawn(picture.name)
+        written += [picture] if drawn else []
+    return written
+
+
+def _called(picture: Picture) -> str:
+    return f"figure {picture.name!r}"
+
+
+def with_others(own: Iterable[Picture], brought: Iterable[tuple[Part, Picture]], say: Say) -> list[Picture]:
+    """Return pictures of ours with those of outputs behind them, but for those that have the name of one of ours."""
+    pictures = list(own)
+    taken = {picture.name for picture in pictures} | {"samples"}
+    for part, picture in brought:
+        if picture.name in taken:
+            say(f"no figure {picture.name!r} of {part.name}: expected a name which none of ours has")
+        else:
+            pictures.append(replace(picture, part=part))
+    return pictures
 
 
 def pictures_of(collection: Collection) -> tuple[Picture, ...]:

@@ -38,7 +38,8 @@ _FOLLOWED = (NOTE, "run.json", "ledger.jsonl", "studies/*/study.json")
 
 _CHECKED = (
     "Each ledger's chain, as far as it goes. A run that is not finished has no digest of its own yet.",
-    "`tacevo report` of a finished run also draws sample images and compares motifs; this page does not.",
+    "`tacevo report` of a finished run also draws sample images, compares motifs and has sections of installed parts; "
+    "this page does not.",
 )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.report.outputs import Outputs, Say, outputs, unsaid
 from analysis.runs.niches import load_niches
 from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
 from analysis.sweeps.arm_metrics import TESTS, Metric
@@ -115,8 +116,13 @@ def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> FinishedJob:
     )
 
 
-def sweep_tables(collected: SweepCollection) -> tuple[Table, ...]:
-    """Return every table of a sweep."""
+def sweep_tables(collected: SweepCollection, installed: Outputs | None = None, say: Say = unsaid) -> tuple[Table, ...]:
+    """Return every table of a sweep, those of outputs last: of ours, unless others are given; `say` as of a run's."""
+    known = outputs(ours=True) if installed is None else installed
+    return (*_own_tables(collected), *known.sweep_tables(collected, say))
+
+
+def _own_tables(collected: SweepCollection) -> tuple[Table, ...]:
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
     tables = ablation_tables(collected.sweep, collected.ablation, archive)
     arms: dict[str, list[RecordedRun]] = {}

@@ -35,7 +35,7 @@ def correct(
     Returns:
         None where an elite was not trained again: what is left would be another archive.
     """
-    medians = dict(zip((network.source for network in again.networks), again.noise["median"].tolist(), strict=True))
+    medians = dict(zip((network.source for network in again.networks), again.medians, strict=True))
     failed = {network.source for network in again.failed}
     if any(sources[elite.id] not in medians.keys() | failed for elite in elites):
         return None

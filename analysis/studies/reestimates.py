@@ -1,4 +1,4 @@
-"""The re-estimates of a run's fitnesses: what its studies and noise runs trained under other seeds.
+"""The re-estimates of a run's fitnesses: what its studies and noise runs recorded under other seeds.
 
 A study trains with the search's optimiser, batches and data, so its validation losses in as many epochs as the search
 trained for give the fitness under another seed.
@@ -6,15 +6,11 @@ trained for give the fitness under another seed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.statistics.seed_noise import agreement, icc, noise, rankings, worth
-from analysis.table import Between
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, RunError
 from tacevo.parts.kinds import FITNESS
@@ -22,15 +18,28 @@ from tacevo.parts.registry import of_settings
 from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
 from tacevo.results.study_directory import FinishedStudy
 from tacevo.results.study_lines import FailedLine, ScoreLine, StudyHeader, StudyNetwork
+from tacevo.rounding import rounded
 from tacevo.storage.store import place_of, read_entry
 from tacevo.storage.verdicts import read_verdict
 from tacevo.text import counted
 from tacevo.training.full import FullTraining
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curves:
+    """What a study recorded of its trainings beside the fitness: of n networks, S >= 2 seeds and E epochs."""
+
+    #: The validation loss of each epoch, shape (n, S, E).
+    losses: NDArray[np.float64]
+    #: The fitness, by the search's rule, after so many epochs, shape (n, S, E).
+    fitness: NDArray[np.float64]
+    #: The test score of the weights of the best validation epoch, lower is better, shape (n, S).
+    tested: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reestimates:
-    """What a study or a noise run says of the fitnesses that its run recorded."""
+    """What a study or a noise run recorded of the fitnesses of its run under other seeds."""
 
     #: Of its directory.
     name: str
@@ -40,11 +49,8 @@ class Reestimates:
     estimates: tuple[tuple[float, ...], ...]
     #: Of the search's trainings.
     epochs: int
-    #: How the networks rank after each epoch, beside their test scores; None of a noise run.
-    rankings: pd.DataFrame | None = None
-    #: What a fitness after the search's epochs is worth by each rule (`analysis.statistics.seed_noise.WORTH`); None
-    #: where `rankings` is.
-    worth: pd.DataFrame | None = None
+    #: None of a noise run, which tests nothing, and of one seed, which cannot stand on two sides.
+    curves: Curves | None = None
     #: The others, with which some seed failed; never the baseline.
     failed: tuple[StudyNetwork, ...] = ()
     #: What a fitness is of the losses of its training.
@@ -55,7 +61,7 @@ class Reestimates:
     @property
     def kind(self) -> str:
         """What it is, in words."""
-        return "noise run" if self.rankings is None else "study"
+        return "noise run" if self.curves is None else "study"
 
     @property
     def fitness(self) -> str:
@@ -76,23 +82,10 @@ class Reestimates:
         """Re-estimates of each network."""
         return len(self.estimates[0])
 
-    @cached_property
-    def noise(self) -> pd.DataFrame:
-        """Each network and its id, its record beside its re-estimates (`analysis.statistics.seed_noise.NOISE`)."""
-        frame = noise([network.fitness for network in self.networks], self.estimates)
-        frame.insert(0, "network", [network.name for network in self.networks])
-        frame.insert(1, "candidate", [network.id for network in self.networks])
-        return frame
-
-    @cached_property
-    def icc(self) -> Between | None:
-        """The part of the variance of one fitness that is the network's; None where it is not defined."""
-        return icc(self.estimates)
-
     @property
-    def agreement(self) -> float | None:
-        """Kendall's tau of the recorded fitnesses and the medians of the re-estimates; None without two to rank."""
-        return agreement(self.noise.recorded, self.noise["median"])
+    def medians(self) -> tuple[float, ...]:
+        """The median of the re-estimates of each network."""
+        return tuple(rounded(float(np.median(values))) for values in self.estimates)
 
     def estimates_of(self, name: str) -> tuple[float, ...]:
         """Return the re-estimates of a candidate, by its id; none where it was not trained again."""
@@ -100,8 +93,7 @@ class Reestimates:
 
     def median_of(self, name: str) -> float | None:
         """Return the median of a candidate's re-estimates, by its id; None where it was not trained again."""
-        medians = self.noise["median"][self.noise.candidate == name]
-        return None if medians.empty else float(medians.iloc[0])
+        return next((median for one, median in zip(self.networks, self.medians, strict=True) if one.id == name), None)
 
 
 def by_seeds(reestimates: Sequence[Reestimates]) -> list[Reestimates]:
@@ -151,7 +143,7 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
     sound = [row for row in (by_name[name] for name in names) if isinstance(row, ScoreLine)]
     ordered, shape = [row for row in sound if row.network not in failed], (len(networks), header.seeds)
     epochs, name = config.training.epochs, config.training.fitness
-    ranked = by_rule = None
+    recorded = None
     if header.terms is None:
         fitness = np.array([row.validation_loss for row in ordered]).reshape(shape)
     else:
@@ -159,19 +151,20 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
             expected = f"one of {', '.join(FITNESS.ours)}: what another is after fewer epochs was not recorded"
             raise RunError(name, place=f"training.fitness of {finished.path.name}", expected=expected)
         rule = of_settings(FITNESS, name, config.training)
-        curves, tested = [_losses(store, row) for row in ordered], _tested(header, ordered).reshape(shape)
+        curves = [_losses(store, row) for row in ordered]
         so_far = [[rule.of(losses[:epoch]) for epoch in range(1, len(losses) + 1)] for losses in curves]
         by_epoch = np.array(so_far).reshape(*shape, -1)
-        fitness, ranked = by_epoch[:, :, epochs - 1], rankings(by_epoch, tested)
-        by_rule = worth(np.array(curves).reshape(*shape, -1)[:, :, :epochs], tested)
+        fitness = by_epoch[:, :, epochs - 1]
+        if header.seeds > 1:
+            tested = _tested(header, ordered).reshape(shape)
+            recorded = Curves(losses=np.array(curves).reshape(*shape, -1), fitness=by_epoch, tested=tested)
     return Reestimates(
         name=finished.path.name,
         networks=networks,
         estimates=tuple(map(tuple, fitness.tolist())),
         epochs=epochs,
         rule=name,
-        rankings=ranked,
-        worth=by_rule,
+        curves=recorded,
         failed=tuple(network for network in header.networks if network.name in failed),
         looked_up=config.data.facts.is_looked_up,
     )

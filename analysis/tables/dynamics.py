@@ -168,7 +168,7 @@ def reestimated(run: RecordedRun, reestimates: Sequence[Reestimates]) -> tuple[s
         the best candidate was not trained again.
     """
     for one in by_seeds(reestimates):
-        reference, estimate = float(one.noise["median"].iloc[0]), one.median_of(run.ranked()[0].id)
+        reference, estimate = one.medians[0], one.median_of(run.ranked()[0].id)
         if estimate is not None and reference:
             words = f"re-estimated by a {one.kind}, median of {counted(one.seeds, 'other seed')}"
             return words, reference, estimate

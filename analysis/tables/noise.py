@@ -1,14 +1,23 @@
 """Tables of what a run's recorded fitnesses are worth: their re-estimates, and how a fitness ranks the networks."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import pandas as pd
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL
+from analysis.studies.corrected import correct
+from analysis.studies.noise import SeedNoise
 from analysis.studies.reestimates import Reestimates
 from analysis.table import Between, Percent, Table
 from analysis.tables.dynamics import TRIVIAL_LOSS
 from tacevo.evolution.chance import chance_in_words, is_at_chance
+from tacevo.parts.output import Output
 from tacevo.text import counted
+
+if TYPE_CHECKING:
+    from analysis.report.collection import Collection
 
 #: The column of the chances to beat the baseline.
 BEATS = (Between, "beats", "beats_low", "beats_high")
@@ -16,19 +25,31 @@ BEATS = (Between, "beats", "beats_low", "beats_high")
 ICC = (Between, "icc", "icc_low", "icc_high")
 
 
+class Noise(Output):
+    """Adds the tables of what a run's recorded fitnesses are worth, by its studies and noise runs."""
+
+    def reestimate_tables(self, run: "Collection", again: Reestimates) -> Sequence[Table]:
+        """Make them; that of the corrected archive where all of its elites were trained again."""
+        sources = {candidate.id: candidate.source for candidate in run.run.candidates}
+        archives = correct(run.run.elites, run.run.places, sources, again)
+        corrected = () if archives is None else (corrected_table(archives, again, run.run.task),)
+        return (*noise_tables(again, run.run.task, run.run.record.trivial), *corrected)
+
+
 def noise_tables(again: Reestimates, task: str, trivial: float | None) -> tuple[Table, ...]:
     """Return all tables of a study's or a noise run's re-estimates, with the trivial loss where it is known."""
-    noise = noise_table(again, task, trivial)
-    if again.rankings is None or again.worth is None:
+    known = SeedNoise(again)
+    noise, ranked, worth = noise_table(again, task, trivial), known.rankings, known.worth
+    if ranked is None or worth is None:
         return (noise,)
-    return (noise, ranking_table(again, again.rankings, task), worth_table(again, again.worth, task))
+    return (noise, ranking_table(again, ranked, task), worth_table(again, worth, task))
 
 
 def noise_table(again: Reestimates, task: str, trivial: float | None) -> Table:
     """Show the recorded fitness of each network beside what other training seeds give, and the trivial loss."""
-    seeds = counted(again.seeds, "other training seed")
+    known, seeds = SeedNoise(again), counted(again.seeds, "other training seed")
     return Table.of(
-        again.noise,
+        known.frame,
         {"network": "network", "candidate": "candidate", "recorded fitness": "recorded"}
         | {"re-estimated, median": "median", "least": "least", "most": "most"}
         | {"seeds as low as recorded": "as_low", "recorded less re-estimated": "optimism"}
@@ -42,10 +63,10 @@ def noise_table(again: Reestimates, task: str, trivial: float | None) -> Table:
             "is one draw, by which the search chose; the others decided nothing in it.",
             "Recorded less re-estimated: below 0 the record flatters the network.",
             *_failed_note(again),
-            _icc_note(again),
+            _icc_note(known.icc),
             "Chance to beat the baseline: that one seed of the network has a lower loss than one of the baseline; in "
             f"brackets the {100 * LEVEL:g} % interval of Newcombe (2006, method 5).",
-            *_agreement_note(again),
+            *_agreement_note(known.agreement),
             *(() if trivial is None else (TRIVIAL_LOSS,)),
         ),
     )
@@ -53,7 +74,7 @@ def noise_table(again: Reestimates, task: str, trivial: float | None) -> Table:
 
 def chance_note(again: Reestimates, trivial: float | None) -> tuple[str, ...]:
     """Say that no network's re-estimate is better than chance, where that is so."""
-    best = float(again.noise["median"].min())
+    best = min(again.medians)
     if trivial is None or not is_at_chance(best, trivial):
         return ()
     return (f"{chance_in_words(trivial)} By the medians of {counted(again.seeds, 'other seed')}.",)
@@ -128,8 +149,7 @@ def _failed_note(again: Reestimates) -> tuple[str, ...]:
     return (f"Left out, because a training with another seed failed: {names}.",) if names else ()
 
 
-def _icc_note(again: Reestimates) -> str:
-    icc = again.icc
+def _icc_note(icc: Between | None) -> str:
     if icc is None:
         return (
             "No ICC, and hence no regression to the mean: it takes two networks, two seeds, and losses above 0 that "
@@ -146,8 +166,7 @@ def _icc_note(again: Reestimates) -> str:
     )
 
 
-def _agreement_note(again: Reestimates) -> tuple[str, ...]:
-    tau = again.agreement
+def _agreement_note(tau: float | None) -> tuple[str, ...]:
     if tau is None:
         return ()
     return (f"Kendall's tau of recorded and re-estimated fitness, over these networks: {shown(tau)}.",)

@@ -26,8 +26,8 @@ from tacevo.errors import ConfigError, RunError
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import search as run_search
 from tacevo.studies.given_run import record_given
-from tacevo.studies.of_sweep import estimate_noise_of_sweep, study_sweep
-from tacevo.studies.study import Studied, estimate_noise
+from tacevo.studies.of_sweep import study_sweep
+from tacevo.studies.study import Studied
 from tacevo.studies.study import study as run_study
 from tacevo.text import as_override, counted
 
@@ -131,6 +131,8 @@ def noise(run: Run | Sweep | str | os.PathLike[str], *, quiet: bool = False, **s
         ConfigError: as `study`.
         RunError: as `study`.
     """
+    from tacevo.studies.noise import estimate_noise, estimate_noise_of_sweep  # a room of its own, which may be missing
+
     if isinstance(run, Sweep):
         with progress(quiet) as view:
             studies, _ = estimate_noise_of_sweep(_of_sweep(run), compose_noise(_settings(settings, "sweep")), view)

@@ -4,8 +4,10 @@ import base64
 from collections.abc import Callable
 from dataclasses import replace
 
+from analysis.report.outputs import outputs
 from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.of_sweep import sweep_contents
+from analysis.report.page.sections import sections_contents
 from analysis.report.page.whole import PageContents, page_contents, replay_commands
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
@@ -40,7 +42,7 @@ def page_of(one: Run | Sweep, name: str, say: Callable[[str], object]) -> tuple[
     arms = None
     say("the arms, compared")
     try:
-        arms, states = sweep_contents(one.collection()), [*one.left_out]
+        arms, states = sweep_contents(one.collection(), outputs(), missing.append), [*one.left_out]
     except IncomparableError as error:
         states = [f"the arms are not compared: {error}"]
     states = [words.replace(str(place.folder), name) for words in states]
@@ -49,11 +51,12 @@ def page_of(one: Run | Sweep, name: str, say: Callable[[str], object]) -> tuple[
 
 
 def _material(run: Run, place: Opened, name: str) -> tuple[RunMaterial, list[str]]:
-    """Return what the page of a run is made from, and which tables are missing.
+    """Return what the page of a run is made from, and which tables and sections are missing.
 
     Remarks name the run or the sweep as the page does: where it lay says something about this machine only.
     """
     tables, missing = run.all_tables()
+    sections = sections_contents(outputs().sections(run.collection, missing.append), missing.append)
     remarks = [*remarks_on(run), *missing]
     for path, word in ((str(place.folder), name), (str(run.recorded.stores), "its stores")):
         if "/" in path:  # else it names no place beyond the directory that the command was given in
@@ -61,7 +64,12 @@ def _material(run: Run, place: Opened, name: str) -> tuple[RunMaterial, list[str
     notes = [words for folder in dict.fromkeys((place.folder, run.path)) for words in read_note(folder)]
     texts, edited = read_texts(run.recorded)
     material = RunMaterial(
-        collection=run.collection, texts=texts, edited=edited, tables=tables, remarks=[*notes, *remarks]
+        collection=run.collection,
+        texts=texts,
+        edited=edited,
+        tables=tables,
+        remarks=[*notes, *remarks],
+        sections=sections,
     )
     return material, missing
 

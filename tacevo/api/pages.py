@@ -61,7 +61,7 @@ def _tables(
         shown = collection_of(done.run, compared_studies(done.run, done.studies.values()))
         return _files(tables_of(shown, recall_profiles(done.run))), shown
     known = {done.run.path.name: done.run for done in runs}
-    beside = list(outputs(ours=True).beside(list(known.values())))
+    beside = outputs(ours=True).beside(list(known.values()), say)
     try:
         swept = collect_sweep(directory, runs[0].run.stores, known=known)
     except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed

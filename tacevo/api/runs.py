@@ -240,11 +240,13 @@ class Run:
 
         `samples` raises a DataError where the images of the run are not at hand; simulated ones are made again.
         """
-        from analysis.report.figure_list import pictures_of  # Matplotlib takes a second to import
+        from analysis.report.figure_list import pictures_of, with_others  # Matplotlib takes a second to import
 
-        pictures = (*pictures_of(self.collection), *outputs().figures(self.collection))
+        missing: list[str] = []
+        brought = outputs().figures(self.collection, missing.append)
+        pictures = with_others(pictures_of(self.collection), brought, missing.append)
         drawn = {picture.name: picture.draw for picture in pictures}
-        return self._named({"samples": self._draw_samples, **drawn}, "run.figures")
+        return self._named({"samples": self._draw_samples, **drawn}, "run.figures", missing)
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -281,7 +283,7 @@ class Run:
             profiles, missing = recall_profiles(self.recorded), list(known.missing.values())
         except (CacheMissError, RunError) as error:
             profiles, missing = None, [*known.missing.values(), f"no table of motifs: {error}"]
-        return tables_of(self.collection, profiles, known), missing
+        return tables_of(self.collection, profiles, known, missing.append), missing
 
     def __repr__(self) -> str:
         """Name it, and say what it lacks; once its studies were read, which takes seconds, also why some are out."""
@@ -311,7 +313,7 @@ class Run:
         if not (self.path / "run.json").exists():
             got, remedy = "a path that does not exist", "open the run again"
             raise RunError(got, place=str(self.path), expected="the directory of the run", remedy=remedy)
-        return collection_of(self.recorded, read_studies(self.recorded))
+        return collection_of(self.recorded, read_studies(self.recorded), outputs())
 
     def _lacking(self) -> list[str]:
         """Say that its stores are not there, which its studies, tables and figures need."""

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from analysis.report.outputs import outputs
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.sweeps.ablation import Ablation
 from analysis.sweeps.arm_metrics import TESTED, TESTS, Metric
@@ -19,6 +20,7 @@ from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, located
 from tacevo.choices import Primary
 from tacevo.errors import ConfigError
+from tacevo.parts.kinds import OUTPUTS
 from tacevo.results.sweep import Standing, state_of
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import listed, nearest
@@ -129,26 +131,31 @@ class Sweep:
         return tuple(f"left out: arm {arm}: none of its jobs is finished" for arm in self.arms if arm not in known)
 
     def all_tables(self, reference: str | None = None) -> tuple[tuple[Rows, ...], list[str]]:
-        """Return its tables, compared with an arm or the sweep's own reference; and what is missing of them: nothing.
+        """Return its tables, compared with an arm or the sweep's own reference; and why others are missing.
 
         Raises:
             ConfigError: the reference is not an arm.
             RunError, IncomparableError: as `collection`.
         """
-        return sweep_tables(self.collection(reference)), []
+        known = outputs()
+        missing = [known.missing[name] for name in known.missing if name not in OUTPUTS.ours]  # ours add none
+        return sweep_tables(self.collection(reference), known, missing.append), missing
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:
         """Every table of `tacevo ablations` by name."""
-        return Named({table.name: Table(table) for table in self.all_tables()[0]}, "sweep.tables")
+        tables, missing = self.all_tables()
+        return Named({table.name: Table(table) for table in tables}, "sweep.tables", missing)
 
     @cached_property
     def figures(self) -> Mapping[str, Draw]:
         """Every figure of `tacevo ablations` by name; each is a function that draws a Matplotlib figure."""
-        from analysis.report.figure_list import sweep_pictures  # Matplotlib takes a second to import
+        from analysis.report.figure_list import sweep_pictures, with_others  # Matplotlib takes a second to import
 
-        pictures = sweep_pictures(self.collection())
-        return Named({picture.name: picture.draw for picture in pictures}, "sweep.figures")
+        missing: list[str] = []
+        brought = outputs().sweep_figures(self.collection(), missing.append)
+        pictures = with_others(sweep_pictures(self.collection()), brought, missing.append)
+        return Named({picture.name: picture.draw for picture in pictures}, "sweep.figures", missing)
 
     def replay(self, *, trust_parts: bool = False, quiet: bool = False) -> str:
         """Run every search and study again, as `Run.replay`; return the digest of the sweep."""

@@ -225,7 +225,7 @@ def noise(*overrides: RunOrSetting) -> int:
     Args:
         overrides: RUN, the directory of a run; KEY=VALUE, or @FILE with one of them a line
     """
-    from tacevo.cli.study import run_noise
+    from tacevo.cli.noise import run_noise
 
     return run_noise(overrides)
 
@@ -750,7 +750,7 @@ def parts(
     Args:
         kind: one of the kinds that `tacevo parts` lists; or `check`
         part: with `check`: a name, FILE.py:CLASS, FILE.py for all parts in it, or SETTING=NAME as a search has it
-        overrides: the settings that it is made with: GROUP=CHOICE or KEY=VALUE, as in Hydra
+        overrides: its settings, GROUP=CHOICE or KEY=VALUE, as in Hydra; of an output run=RUN, which it is tried with
     """
     from tacevo.cli.parts import run_parts
 

@@ -56,6 +56,6 @@ def _chapter(one: Run | Sweep, directory: Path) -> str:
         tables, missing = one.all_tables()
     pictures, undrawn = drawable(one)
     with progress_of(f"figures of {one.name}", len(pictures)) as on_drawn:
-        chapter = write_chapter(one.name, tables, pictures, directory, on_drawn)
+        chapter = write_chapter(one.name, tables, pictures, directory, on_drawn=on_drawn, say=missing.append)
     say([*missing, *undrawn])
     return chapter

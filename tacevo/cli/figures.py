@@ -9,8 +9,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
+from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, with_others, write_pictures
 from analysis.report.outputs import outputs
+from analysis.report.sweep_collection import SweepCollection
 from analysis.report.writing import left_of_studies, write_tables
 from analysis.sweeps.arm_metrics import TESTED, Metric
 from analysis.table import Table
@@ -41,8 +42,8 @@ def run_figures(runs: Sequence[str], places: Sequence[Path], *, formats: Sequenc
         directory = output_directory(place)
         pictures, missing = drawable(one)
         with progress_of("figures", len(pictures)) as on_drawn:
-            write_pictures(pictures, directory, endings, on_drawn)
-        current = {picture.name for picture in pictures}
+            written = write_pictures(pictures, directory, endings, on_drawn, missing.append)
+        current = {picture.name for picture in written}
         say([*missing, *left_of_studies(directory, current, [f".{name}" for name in FORMATS])])
         tell(f"figures: {directory}")
     return max(map(status_of, opened))
@@ -51,15 +52,23 @@ def run_figures(runs: Sequence[str], places: Sequence[Path], *, formats: Sequenc
 def drawable(one: Run | Sweep) -> tuple[list[Picture], list[str]]:
     """List the figures of a run, sample images first, or of a sweep; and the reasons why others are missing."""
     if isinstance(one, Sweep):
-        return list(sweep_pictures(one.collection())), []
-    run = one.recorded
-    pictures, missing = [*pictures_of(one.collection), *outputs().figures(one.collection)], list(undrawn(run))
+        return _of_sweep(one.collection())
+    run, missing = one.recorded, list(undrawn(one.recorded))
+    brought = outputs().figures(one.collection, missing.append)
+    pictures = with_others(pictures_of(one.collection), brought, missing.append)
     try:
         figure = one.figures["samples"]()
     except (ConfigError, DataError) as error:
         return pictures, [*missing, f"no sample images: {error}"]
     caption = f"Training images of the data set ({run.name})."
     return [Picture(name="samples", caption=caption, draw=lambda: figure), *pictures], missing
+
+
+def _of_sweep(collected: SweepCollection) -> tuple[list[Picture], list[str]]:
+    """List the figures of a sweep, and the reasons why others are missing."""
+    missing: list[str] = []
+    brought = outputs().sweep_figures(collected, missing.append)
+    return with_others(sweep_pictures(collected), brought, missing.append), missing
 
 
 @contextlib.contextmanager
@@ -81,11 +90,12 @@ def run_ablations(name: str, place: Path, reference: str | None, store: str | No
         view.say("comparing the arms")
         collected = sweep.collection(reference)
         directory = output_directory(place)
-        tables, _ = sweep.all_tables(reference)
+        tables, missing = sweep.all_tables(reference)
         write_tables(tables, directory)
-    pictures = sweep_pictures(collected)
+    pictures, undrawn_ones = _of_sweep(collected)
     with progress_of("figures", len(pictures)) as on_drawn:
-        write_pictures(pictures, directory, [".pdf"], on_drawn)
+        write_pictures(pictures, directory, [".pdf"], on_drawn, undrawn_ones.append)
+    say([*missing, *undrawn_ones])
     stated = collected.ablation.primary
     first = stated if stated in collected.ablation.arms and stated is not None else Metric.best_fitness
     print_table(_in_short(next(table for table in tables if table.name == f"ablation_{first.name}")), Console())

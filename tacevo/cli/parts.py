@@ -11,7 +11,7 @@ from tacevo.config.chosen import part_of
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, PartError, TacevoError
-from tacevo.parts.kinds import KINDS, Kind
+from tacevo.parts.kinds import KINDS, OUTPUTS, Kind
 from tacevo.parts.known import first_line_of, lacking
 from tacevo.parts.registry import Part, ambiguous, find, import_file, names, parts, shadowed
 from tacevo.parts.testing import contracts, kind_of
@@ -135,8 +135,22 @@ def _tested(kind: Kind, name: str, overrides: Sequence[str]) -> Iterator[tuple[s
         yield promise, str(error)
         return
     yield promise, ""
-    for contract in contracts(part):
+    for contract in contracts(part, run=_run_of(kind, overrides)):
         yield str(contract), contract.fault()
+
+
+def _run_of(kind: Kind, overrides: Sequence[str]) -> str | None:
+    """Return the run or the sweep that an output is tried with, as in `run=runs/NAME`.
+
+    Raises:
+        ConfigError: another setting is given, and it has none.
+    """
+    if kind is not OUTPUTS:
+        return None
+    for override in overrides:
+        if not override.startswith("run="):
+            raise ConfigError(override, place="tacevo parts check", expected="run=RUN, which an output is tried with")
+    return overrides[-1].removeprefix("run=") if overrides else None
 
 
 def _is_of_part(error: TacevoError, kind: Kind) -> bool:

@@ -1,4 +1,4 @@
-"""The commands `tacevo study`, of a run or of the jobs of a sweep, `tacevo noise`, and `tacevo plan` before both."""
+"""The commands `tacevo study`, of a run or of the jobs of a sweep, and `tacevo plan` before it."""
 
 import shlex
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from analysis.tables.plan import plan_table
 from tacevo.api.planning import planned_from, write_plan
 from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
 from tacevo.cli.tables import print_table, say
-from tacevo.config.compose import compose_elsewhere, compose_noise, compose_study, spread
+from tacevo.config.compose import compose_elsewhere, compose_study, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.schema import RunConfig
 from tacevo.config.sources import is_elsewhere
@@ -22,14 +22,13 @@ from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
 from tacevo.results.run import RecordedRun, read_run
-from tacevo.results.study_directory import StudyDirectory
 from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.given_run import record_given
-from tacevo.studies.of_sweep import estimate_noise_of_sweep, study_sweep
-from tacevo.studies.study import Studied, estimate_noise, study
+from tacevo.studies.of_sweep import study_sweep
+from tacevo.studies.study import Studied, study
 from tacevo.text import as_override, counted, listed
 
 #: What a study on its run's own data is called.
@@ -49,7 +48,7 @@ def _runs(words: Sequence[str]) -> list[str]:
     return [word for word in words if "=" not in word or Path(word).exists()]
 
 
-def _composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[str]) -> Configured:
+def composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[str]) -> Configured:
     """Compose the settings of a command, one of which, the run, may be given as a bare word.
 
     Raises:
@@ -85,11 +84,11 @@ def run_study(words: Sequence[str]) -> int:
             studied = study(config, view)
     else:
         other = [override for override in words if is_elsewhere(override)]
-        config = _composed(compose_study, [override for override in words if override not in other])
+        config = composed(compose_study, [override for override in words if override not in other])
         if config.sweep is not None:
             with Progress() as view:
                 studies, unfinished = study_sweep(Path(config.sweep), config, view, other)
-            return _report_sweep(Path(config.sweep), studies, unfinished, "study", "raise seconds= or memory_mib=")
+            return report_sweep(Path(config.sweep), studies, unfinished, "study", "raise seconds= or memory_mib=")
         if RunDirectory(Path(config.run or "")).read_run().task.given:
             check_unchosen(words)
         if len(each := [*product(*spread(other))] if other else [()]) > 1:
@@ -97,9 +96,9 @@ def run_study(words: Sequence[str]) -> int:
             return _study_each(config, _within(own, each))
         with Progress() as view:
             studied = study(config, view, other)
-    _introduce(studied, "study")
-    _show(studied, config.store.root)
-    return _end(studied, _REMEDY)
+    introduce(studied, "study")
+    show_found(studied, config.store.root)
+    return end(studied, _REMEDY)
 
 
 def _each_data(overrides: Sequence[str]) -> list[list[str]]:
@@ -144,8 +143,8 @@ def _study_each(config: StudyConfig, each: Sequence[Sequence[str]]) -> int:
     for other in each:
         with Progress() as view:
             studied = study(config, view, other)
-        _introduce(studied, f"study of {' '.join(other) or _OWN}")
-        statuses.append(_end(studied, _REMEDY))
+        introduce(studied, f"study of {' '.join(other) or _OWN}")
+        statuses.append(end(studied, _REMEDY))
         done[studied.directory.name] = studied
     # Of several studies on equal data a table takes the first: let it be the one that was asked for.
     studies = sorted(read_studies(run).studies, key=lambda one: one.name not in done)
@@ -159,50 +158,32 @@ def _study_each(config: StudyConfig, each: Sequence[Sequence[str]]) -> int:
         if any(id(one.study) in own for one in sensors):
             print_table(sensor_table(sensors), Console())
     for name in [name for name in done if name not in told]:  # nothing can be set beside it
-        _show(done[name], config.store.root)
+        show_found(done[name], config.store.root)
     if told:
         tell(f"look:   {as_typed('tacevo')} tables {shlex.quote(str(run.path))}")
     return max(statuses)
 
 
-def _report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[str], what: str, remedy: str) -> int:
+def report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[str], what: str, remedy: str) -> int:
+    """Print the studies of the jobs of a sweep, and which jobs have none; return the exit status."""
     statuses = []
     for one in studies:
-        _introduce(one, what)
-        statuses.append(_end(one, remedy))
+        introduce(one, what)
+        statuses.append(end(one, remedy))
     for job in unfinished:
         tell(f"no {what}, for it is not finished: {job}")
     tell(f"next:   {as_typed('tacevo')} ablations {shlex.quote(str(sweep))}")
     return DIFFERENT if unfinished else max(statuses)
 
 
-def run_noise(words: Sequence[str]) -> int:
-    """Train elites again under other seeds."""
-    config = _composed(compose_noise, words)
-    if config.sweep is not None:
-        with Progress() as view:
-            noise_runs, unfinished = estimate_noise_of_sweep(Path(config.sweep), config, view)
-        return _report_sweep(Path(config.sweep), noise_runs, unfinished, "noise run", "lower elites=")
-    with Progress() as view:
-        studied = estimate_noise(config, view)
-    _introduce(studied, "noise run")
-    run = _show(studied, config.store.root)
-    if run.answered and not run.shortfall and not run.config.data.facts.is_looked_up:
-        usual = compose_study(["run=RUN"])
-        elites = min(len(StudyDirectory(studied.directory).read().networks) - 1, usual.elites)
-        trainings = f"{counted((elites + 1) * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"
-        command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=reestimated elites={elites}"
-        tell(f"next:   {command}    # {trainings}")
-    return _end(studied, "lower elites=")
-
-
-def _introduce(studied: Studied, what: str) -> None:
+def introduce(studied: Studied, what: str) -> None:
+    """Print where a study, or what it is called, lies, and how much of it was trained now."""
     before = f", {studied.recorded} of them recorded already" if studied.recorded else ""
     twice = f", {studied.twice} of them made twice, as above" if studied.twice else ""
     tell(f"{what}: {studied.directory} ({counted(studied.trainings, 'training')}{before}{twice})")
 
 
-def _show(studied: Studied, store: str | None) -> RecordedRun:
+def show_found(studied: Studied, store: str | None) -> RecordedRun:
     """Print what was found in short, and where all of it is to be seen; return the run."""
     run = read_run(studied.directory.parents[1], store)
     studies = read_studies(run)
@@ -214,7 +195,7 @@ def _show(studied: Studied, store: str | None) -> RecordedRun:
     return run
 
 
-def _end(studied: Studied, remedy: str) -> int:
+def end(studied: Studied, remedy: str) -> int:
     """Print which trainings failed, and the digest; return the exit status."""
     for row in studied.failed:
         tell(f"failed: {row}")

@@ -147,7 +147,7 @@ def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:
     """Return the paper's own tables, and with runs the table that compares them."""
     from analysis.tables.published import published_tables
 
-    return (*published_tables(), *outputs().beside([one.recorded for one in runs]))
+    return (*published_tables(), *outputs().beside([one.recorded for one in runs], lambda reason: say([reason])))
 
 
 def say(remarks: Iterable[str]) -> None:

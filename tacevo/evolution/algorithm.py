@@ -38,7 +38,6 @@ from tacevo.evolution.proposals import (
     plan_initial,
 )
 from tacevo.evolution.state import LedgerWriter, Observer, Plan, SearchState
-from tacevo.evolution.surrogate import features, skips
 from tacevo.evolution.temperatures import clip
 from tacevo.parts import Generation, Population, Trial
 from tacevo.records import Operator, Rejection, Task, Training, to_json
@@ -71,7 +70,7 @@ def step(state: SearchState, plan: Plan, effects: Effects, ledger: LedgerWriter,
         propose(state, plan),
         effects,
         repairs=plan.repairs,
-        skips=skips(state.candidates.values(), plan.skipped),
+        skips=None if plan.skipping is None else plan.skipping.skips(state.candidates.values()),
     )
     for outcome in outcomes:
         check_given(outcome, plan.task)
@@ -149,7 +148,7 @@ def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchStat
         flops=admitted.profile.training_flops,
         parents=line.parents,
         curiosities=Fraction(score),
-        features=features(admitted.profile) if plan.skipped else {},
+        features={} if plan.skipping is None else plan.skipping.features(admitted.profile),
     )
     candidates = _learned(state.candidates, outcome.proposal, child)
     measures = tuple(value for name, value in zip(plan.axes, point, strict=True) if name not in PAPER_AXES)

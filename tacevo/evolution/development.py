@@ -92,7 +92,7 @@ def develop(
     effects: Effects,
     *,
     repairs: int,
-    skips: Callable[[Admitted], bool] = lambda admitted: False,
+    skips: Callable[[Admitted], bool] | None = None,
 ) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
@@ -170,7 +170,7 @@ class _Trained(NamedTuple):
 class _Trainings:
     """The trainings of a generation: each source once; of those that wait, the one with most FLOPs first."""
 
-    def __init__(self, effects: Effects, skips: Callable[[Admitted], bool]) -> None:
+    def __init__(self, effects: Effects, skips: Callable[[Admitted], bool] | None) -> None:
         self._effects = effects
         self._skips = skips
         self._lock = threading.Lock()
@@ -183,7 +183,7 @@ class _Trainings:
 
         Nothing comes of a skipped one. What a user gave is not skipped.
         """
-        if proposal.request is not None and self._skips(admitted):
+        if proposal.request is not None and self._skips is not None and self._skips(admitted):
             return None
         with self._lock:
             if admitted.source in self._known:

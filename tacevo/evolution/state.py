@@ -1,7 +1,7 @@
 """What a search is, what its next step depends on, and who takes its lines."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -12,6 +12,7 @@ from tacevo.evolution.lines import SearchLine, training_flops
 from tacevo.evolution.prompts import PromptArchive
 from tacevo.evolution.proposals import Candidate, Settings
 from tacevo.parts import Descriptor, Fitness, Temperature
+from tacevo.profile import Admitted, Profile
 from tacevo.records import Task
 
 
@@ -28,6 +29,16 @@ class Budget:
     def is_spent(self, trained: Iterable[tuple[str, int]]) -> bool:
         """Return whether trainings have reached the bound; for `trained` see `training_flops`."""
         return training_flops(trained, images=self.images, epochs=self.epochs) >= self.flops
+
+
+class Skipping(Protocol):
+    """Decides which candidates are not trained, by the networks that were, as `tacevo.evolution.surrogate` does."""
+
+    def features(self, profile: Profile) -> Mapping[str, float]:
+        """Return what it sees of a network; a trained one keeps it."""
+
+    def skips(self, trained: Iterable[Candidate]) -> Callable[[Admitted], bool]:
+        """Return what decides, in one generation, whether an admitted candidate is skipped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,8 +64,8 @@ class Plan:
     budget: Budget | None = None
     #: What the fitness of a training is of its losses.
     fitness: Fitness = field(default_factory=Last)
-    #: The part of the networks that a surrogate judges worst, and that are not trained, in [0, 1).
-    skipped: float = 0.0
+    #: What decides which candidates are not trained; None where all are.
+    skipping: Skipping | None = None
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
     names_dropped: bool = True
 

@@ -38,6 +38,32 @@ class Surrogate:
         return math.fsum((self.constant, *parts))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SkipsWorst:
+    """Skips what the surrogate judges worst."""
+
+    #: How much of the networks counts as worst, in (0, 1).
+    part: float
+
+    def features(self, profile: Profile) -> Mapping[str, float]:
+        """Return what the surrogate sees of a network."""
+        return features(profile)
+
+    def skips(self, trained: Iterable[Candidate]) -> Callable[[Admitted], bool]:
+        """Return what decides whether an admitted candidate is skipped, by the networks that were trained before.
+
+        It is where its prediction is above all but `part` of those of the trained networks (their quantile,
+        interpolated linearly). A network that was trained is not, and none is before `LEAST` networks are known.
+        """
+        networks = {one.source: one for one in trained}
+        known = [(one.features, one.fitness) for one in networks.values() if math.isfinite(one.fitness)]
+        if len(known) < LEAST:
+            return lambda admitted: False
+        surrogate = fit(known)
+        most = quantile([surrogate.predict(one) for one, _ in known], 1 - self.part)
+        return lambda admitted: admitted.source not in networks and surrogate.predict(features(admitted.profile)) > most
+
+
 def features(profile: Profile) -> dict[str, float]:
     """Return what the surrogate sees of a network; operations that it does not call are 0, and left out.
 
@@ -74,21 +100,6 @@ def fit(networks: Sequence[tuple[Mapping[str, float], float]]) -> Surrogate:
     weights = _solve(matrix, [_dot(column, residuals) for column in columns])
     terms = tuple((name, *scale, weight) for name, scale, weight in zip(names, scales, weights, strict=True))
     return Surrogate(terms=terms, constant=constant)
-
-
-def skips(trained: Iterable[Candidate], part: float) -> Callable[[Admitted], bool]:
-    """Return what decides whether an admitted candidate is skipped, by the networks that were trained before.
-
-    It is where its prediction is above all but `part`, in [0, 1), of those of the trained networks (their quantile,
-    interpolated linearly). A network that was trained is not, and none is before `LEAST` networks are known.
-    """
-    networks = {one.source: one for one in trained} if part else {}
-    known = [(one.features, one.fitness) for one in networks.values() if math.isfinite(one.fitness)]
-    if len(known) < LEAST:
-        return lambda admitted: False
-    surrogate = fit(known)
-    most = quantile([surrogate.predict(one) for one, _ in known], 1 - part)
-    return lambda admitted: admitted.source not in networks and surrogate.predict(features(admitted.profile)) > most
 
 
 def quantile(values: Sequence[float], part: float) -> float:

@@ -119,6 +119,7 @@ PROVIDERS: Mapping[str, ProviderFacts] = {
 #: The kinds of tables that each of our outputs makes, of a run and of a study.
 OUTPUT_TABLES: Mapping[str, tuple[str, ...]] = {
     "motifs": ("motifs",),
+    "noise": ("noise", "ranking", "fitness_rules", "corrected"),
     "images": ("ensembles", "image_outputs"),
     "transfer": ("transfer", "transfer_joint", "transfer_sensors"),
     "published": ("published", "beside_published"),

@@ -184,6 +184,7 @@ OUTPUTS = Kind(
     decides=False,
     ours={
         "motifs": "analysis.tables.motifs:Motifs",
+        "noise": "analysis.tables.noise:Noise",
         "images": "analysis.tables.images:ImageTests",
         "transfer": "analysis.tables.transfer:Transfer",
         "published": "analysis.tables.published:Published",

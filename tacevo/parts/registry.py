@@ -180,7 +180,7 @@ def import_file(file: Path) -> ModuleType:
     return module
 
 
-def raised(error: Exception, file_of_part: Path | None = None) -> str:
+def raised(error: BaseException, file_of_part: Path | None = None) -> str:
     """Say what code of a user's raised, and in which line: the last of its own file, where that is known."""
     frames = extract_tb(error.__traceback__)
     own = [frame for frame in frames if file_of_part is not None and Path(frame.filename).name == file_of_part.name]

@@ -7,22 +7,24 @@ Both are written whole, so that several processes may end the same study at once
 """
 
 import contextlib
+import math
 import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.records import Json, to_json, written
-from tacevo.results.study_lines import SCHEMA, Design, Row, StudyHeader, StudyRecord, study_line_kind
+from tacevo.results.study_lines import SCHEMA, Design, Row, ScoreLine, StudyHeader, StudyRecord, study_line_kind
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import is_in_use, remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.text import as_overrides, counted
+from tacevo.text import as_overrides, counted, listed
 from tacevo.typed import parse
 
 #: What `study_names` returns, as a regular expression.
@@ -258,3 +260,29 @@ def _row(lines: Sequence[StudyHeader | Row]) -> str:
         network, seed = divmod(len(lines) - 1, header.seeds)
         return f"{header.networks[network].name}, seed {seed}"
     return f"line {len(lines) + 1}" if lines else "the header"
+
+
+def estimates_of(run: Path, digest: str) -> dict[str, float]:
+    """Return the re-estimated fitness of the networks of a noise run, by id: the median over its seeds.
+
+    A network is left out where one of its trainings failed.
+
+    Args:
+        run: its directory.
+        digest: of the noise run.
+
+    Raises:
+        RunError: the run does not have it, or it was edited.
+    """
+    for directory in studies_of(run):
+        if directory.read().digest == digest:
+            losses: dict[str, list[float]] = {}
+            for row in directory.read_finished().scores.rows:
+                losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
+            return {name: median(values) for name, values in losses.items() if max(values) < math.inf}
+    raise RunError(
+        f"studies of the digests {listed(str(each.read().digest)[:12] for each in studies_of(run))}",
+        place=f"{run}/studies",
+        expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
+        remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
+    )

@@ -11,10 +11,9 @@ from statistics import fmean, median
 
 from tacevo.errors import RunError
 from tacevo.evolution.archive import best_distinct
-from tacevo.results.noise_runs import estimates_of
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOSS, PRIMARY
-from tacevo.results.study_directory import is_stated, studies_of
+from tacevo.results.study_directory import estimates_of, is_stated, studies_of
 from tacevo.results.study_lines import Design, FailedLine, Row, ScoreLine, is_late
 from tacevo.results.trivial import metrics_from
 from tacevo.rounding import rounded

@@ -38,7 +38,7 @@ from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.usable import UsableAnswers
-from tacevo.runs.wiring import Workbench, build_plan, check_means, started_ahead, stores_of
+from tacevo.runs.wiring import Workbench, build_plan, check_means, skipping_of, started_ahead, stores_of
 from tacevo.sandbox.client import RunJob
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
@@ -93,6 +93,7 @@ def needed_llm(config: RunConfig) -> LLM:
     """
     check_means(config)
     part_of(config, TRACKERS)
+    skipping_of(config)
     return build_llm(config, Mode.record)
 
 

@@ -19,7 +19,7 @@ from tacevo.evolution.archive import AxisBounds, Cvt, NetworkArchive, Tessellati
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.development import LLM, Effects
 from tacevo.evolution.proposals import Settings
-from tacevo.evolution.state import Budget, Plan
+from tacevo.evolution.state import Budget, Plan, Skipping
 from tacevo.gate.admission import DataImages, Gate, GateLimits
 from tacevo.parts.executor import Executor, Notice, Order
 from tacevo.parts.kinds import EXECUTORS
@@ -71,10 +71,20 @@ def build_plan(
         temperature=parts.temperature(),
         temperature_start=config.temperature.start,
         repairs=config.proposals.repair_attempts,
-        skipped=config.proposals.skipped,
+        skipping=skipping_of(config),
         budget=_budget(config, facts),
         fitness=parts.fitness(),
     )
+
+
+def skipping_of(config: RunConfig) -> Skipping | None:
+    """Return what decides which candidates are not trained, where the configuration asks for it."""
+    part = config.proposals.skipped
+    if not part:
+        return None
+    from tacevo.evolution.surrogate import SkipsWorst  # a room of its own, which may be missing
+
+    return SkipsWorst(part=part)
 
 
 def _budget(config: RunConfig, facts: DataFacts) -> Budget | None:

@@ -1,7 +1,5 @@
 """`tacevo study sweep=DIR`: the best networks of every job of a sweep, trained fully with fresh seeds and tested.
 
-`tacevo noise sweep=DIR`: a noise run of every job, which states nothing and decides nothing.
-
 Each job gets an ordinary study, of the baseline and its best elites, in its own directory. What is stated once for all
 of them, how many elites, seeds, epochs and what `best` means, is written into sweep.json before the first training, so
 that `tacevo ablations` knows which studies count, whatever other studies the runs have.
@@ -12,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tacevo.config.sources import is_of_data
-from tacevo.config.study import NoiseConfig, StudyConfig
+from tacevo.config.study import StudyConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.run_files import finished_digest
 from tacevo.results.publishable import other_device
@@ -22,7 +20,7 @@ from tacevo.results.sweep import REFERENCE
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored_together
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, SweepRecord, naming
-from tacevo.studies.study import MirrorLater, Studied, check_study, estimate_noise, study
+from tacevo.studies.study import MirrorLater, Studied, check_study, study
 from tacevo.text import counted, listed
 from tacevo.typed import FreeJson
 
@@ -48,7 +46,7 @@ def study_sweep(
     directory = SweepDirectory(path)
     sweep = directory.read()
     arms = _arms(sweep, config.arms)
-    finished = _finished(directory, [job for job in sweep.jobs if not arms or job.arm in arms])
+    finished = finished_jobs(directory, [job for job in sweep.jobs if not arms or job.arm in arms])
     retraining = Retraining(
         elites=config.elites,
         seeds=config.seeds,
@@ -74,7 +72,7 @@ def study_sweep(
             view.say(f"no elite for {places}: the baseline counts there, so each job's score is of as many networks")
         return studied
 
-    studies, unfinished = _each(directory, finished, train, view)
+    studies, unfinished = each_job(directory, finished, train, view)
     return studies, [job.name for job in unfinished if retraining.tests(job.arm)]
 
 
@@ -109,19 +107,7 @@ def _arms(sweep: SweepRecord, named: Sequence[str]) -> tuple[str, ...]:
     return tuple(arm for arm in known if arm in named)
 
 
-def estimate_noise_of_sweep(path: Path, config: NoiseConfig, view: Progress) -> tuple[list[Studied], list[str]]:
-    """Train the elites of each finished job again, or resume such noise runs; as `study_sweep`."""
-    directory = SweepDirectory(path)
-    finished = _finished(directory, directory.read().jobs)
-
-    def train(run: str, later: MirrorLater) -> Studied:
-        return estimate_noise(replace(config, run=run, sweep=None), view, later)
-
-    studies, unfinished = _each(directory, finished, train, view)
-    return studies, [job.name for job in unfinished]
-
-
-def _finished(directory: SweepDirectory, jobs: Sequence[Job]) -> list[Job]:
+def finished_jobs(directory: SweepDirectory, jobs: Sequence[Job]) -> list[Job]:
     """Return the finished jobs of a sweep, at least one."""
     finished = [job for job in jobs if finished_digest(directory.run(job)) is not None]
     if not finished:
@@ -130,7 +116,7 @@ def _finished(directory: SweepDirectory, jobs: Sequence[Job]) -> list[Job]:
     return finished
 
 
-def _each(
+def each_job(
     directory: SweepDirectory, finished: Sequence[Job], train: Callable[[str, MirrorLater], Studied], view: Progress
 ) -> tuple[list[Studied], list[Job]]:
     """Do the same for the run of each job, one after another; an error names the job; also return the other jobs.

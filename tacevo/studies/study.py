@@ -1,9 +1,10 @@
-"""`tacevo study` and `tacevo noise`: the baseline and other networks of a run, trained with several seeds.
+"""`tacevo study`: the baseline and other networks of a run, trained with several seeds.
 
-A study trains them fully and tests them. A noise run trains them as the search did, which gives their fitness under
-other seeds, and sees no test image. Each has seeds of its own, so elites that a noise run chose are studied by fresh
-draws. Every training is in the store as soon as it ends, so a study that was stopped goes on where it was, and several
-processes with one store may work on the same one. The order of the work enters no file.
+A study trains them fully and tests them. A noise run (`tacevo.studies.noise`), which is recorded and replayed as a
+study is, trains them as the search did, which gives their fitness under other seeds, and sees no test image. Each has
+seeds of its own, so elites that a noise run chose are studied by fresh draws. Every training is in the store as soon as
+it ends, so a study that was stopped goes on where it was, and several processes with one store may work on the same
+one. The order of the work enters no file.
 """
 
 import contextlib
@@ -16,11 +17,11 @@ from pathlib import Path
 from tacevo.choices import ChosenBy
 from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.config.sources import is_of_data
-from tacevo.config.study import NoiseConfig, StudyConfig
+from tacevo.config.study import StudyConfig
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import units_of
 from tacevo.environment import doubting, machine, versions
-from tacevo.errors import ConfigError, DivergenceError, RunError, telling
+from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.fitness import Lowest
 from tacevo.parts import Fitness
 from tacevo.parts.kinds import FITNESS
@@ -29,10 +30,16 @@ from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
 from tacevo.results.grouped import FEWEST, check_groups, images_tested
 from tacevo.results.looked_up import with_table
-from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
 from tacevo.results.publishable import other_device, other_settings
 from tacevo.results.run import RecordedRun, read_run
-from tacevo.results.study_directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
+from tacevo.results.study_directory import (
+    FinishedStudy,
+    StudyDirectory,
+    estimates_of,
+    find_study,
+    misfits,
+    studies_of,
+)
 from tacevo.results.study_lines import (
     SCHEMA,
     FailedLine,
@@ -99,7 +106,7 @@ class _Job:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Plan:
+class StudyPlan:
     """All that a study follows from."""
 
     run: RecordedRun
@@ -123,7 +130,7 @@ def study(
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     plan, moved = _planned(config, other)
-    return _carry_out(plan, config.elites if plan.run.answered else 0, view, moved, mirror_later)
+    return carry_out(plan, config.elites if plan.run.answered else 0, view, moved, mirror_later)
 
 
 def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
@@ -140,7 +147,7 @@ def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
     check_means(run)
 
 
-def _read(path: str | None, store: str | None) -> RecordedRun:
+def run_to_train(path: str | None, store: str | None) -> RecordedRun:
     """Read the run that is to be trained from; `store` is where its stores lie, if a user says it.
 
     Raises:
@@ -152,9 +159,9 @@ def _read(path: str | None, store: str | None) -> RecordedRun:
     return run
 
 
-def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[_Plan, DataConfig | None]:
+def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[StudyPlan, DataConfig | None]:
     """Work out what a study follows from, and its data where they are not the run's."""
-    run = _read(config.run, config.store.root)
+    run = run_to_train(config.run, config.store.root)
     elsewhere = replace(run.with_data, executor=config.executor)
     if other:
         from tacevo.config.compose import compose_elsewhere  # imports Hydra, which a replay does not need
@@ -162,47 +169,30 @@ def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[_Plan, DataConf
         elsewhere = compose_elsewhere(elsewhere, other)
     training = replace(elsewhere.training, epochs=config.epochs, seconds=config.seconds, memory_mib=config.memory_mib)
     margins, is_regression = config.margins, run.record.data.kind is Kind.regression
-    by_noise = config.choose is ChosenBy.reestimated and not run.record.task.given
-    plan = _plan(
+    plan = plan_trainings(
         run,
         replace(elsewhere, training=training, data=run.config.data),
         elites=config.elites,
         seeds=config.seeds,
         terms=StudyTerms(alpha=config.alpha, margin=margins.regression if is_regression else margins.classification),
-        chosen_by=noise_digest(run) if by_noise else "",
+        chosen_by=_chosen_by(run) if config.choose is ChosenBy.reestimated else "",
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
     return plan, elsewhere.data if any(map(is_of_data, other)) else None
 
 
-def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLater | None = None) -> Studied:
-    """Train the elites of a finished run as its search did, with other seeds, or resume such a noise run; as `study`.
+def _chosen_by(run: RecordedRun) -> str:
+    """Return the digest of the noise run that elites are chosen by; empty where networks were given."""
+    if run.record.task.given:
+        return ""
+    from tacevo.results.noise_runs import noise_digest  # a room of its own, which may be missing
 
-    Raises:
-        TacevoError: see its subclasses; the trainings that ended are kept.
-        KeyboardInterrupt: the user stopped it; the same command continues.
-    """
-    run = _read(config.run, config.store.root)
-    if (fitness := run.config.training.fitness) not in FITNESS.ours:
-        expected = f"a run by {', '.join(FITNESS.ours)}: its fitness is that of a part that its user brought"
-        raise ConfigError(fitness, place="training.fitness", expected=expected)
-    elites = None if isinstance(config.elites, str) else config.elites
-    plan = _plan(
-        run,
-        replace(run.config, executor=config.executor),
-        elites=elites,
-        seeds=config.seeds,
-        terms=None,
-        chosen_by="",
-        planned=None,
-        rules=CURRENT.training,
-    )
-    return _carry_out(plan, elites or 0, view, mirror_later=mirror_later)
+    return noise_digest(run)
 
 
-def _carry_out(
-    plan: _Plan,
+def carry_out(
+    plan: StudyPlan,
     wanted: int,
     view: Progress,
     elsewhere: DataConfig | None = None,
@@ -304,7 +294,7 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
     if len(scores.rows) != trainings:  # else a few digits could ask for more memory than there is
         place = f"{study.path}/scores.jsonl"
         raise RunError(f"{len(scores.rows)}", place=place, expected=f"{trainings} scores, by its study.json")
-    plan = _plan(
+    plan = plan_trainings(
         run,
         run.config
         if recorded.terms is None  # a noise run trains as the search did
@@ -367,7 +357,7 @@ def _evaluator(
     return bench.studies(header.rules, scale, predictions=predictions)
 
 
-def _plan(
+def plan_trainings(
     run: RecordedRun,
     config: RunConfig,
     *,
@@ -377,7 +367,7 @@ def _plan(
     chosen_by: str,
     planned: SeedPlan | None,
     rules: int,
-) -> _Plan:
+) -> StudyPlan:
     """Work out which networks of a run are trained, by the training of `config`, and on which terms they are judged."""
     if given := run.record.task.given:
         networks = given_networks(run.candidates, [network.name for network in given])
@@ -413,10 +403,10 @@ def _plan(
         for source in [run.directory.read_source(network.id, network.source)]
         for index in range(seeds)
     ]
-    return _Plan(run=run, config=config, header=header, jobs=tuple(jobs))
+    return StudyPlan(run=run, config=config, header=header, jobs=tuple(jobs))
 
 
-def _moved(plan: _Plan, data: DataConfig, facts: DataFacts) -> _Plan:
+def _moved(plan: StudyPlan, data: DataConfig, facts: DataFacts) -> StudyPlan:
     """Return the plan on other data, of the size and kind of the run's; they may turn out to be the run's own."""
     if facts.fingerprint == plan.run.record.data.fingerprint:
         return plan
@@ -424,7 +414,7 @@ def _moved(plan: _Plan, data: DataConfig, facts: DataFacts) -> _Plan:
     return replace(plan, header=replace(plan.header, data=facts, other_data=differing))
 
 
-def _grouped(plan: _Plan, data: DataFacts) -> _Plan:
+def _grouped(plan: StudyPlan, data: DataFacts) -> StudyPlan:
     """Return the plan with the groups of the test images, which a run of an earlier release does not name."""
     header = plan.header
     if header.terms is None or header.data.groups or header.data.fingerprint != data.fingerprint:
@@ -432,7 +422,7 @@ def _grouped(plan: _Plan, data: DataFacts) -> _Plan:
     return replace(plan, header=replace(header, data=replace(header.data, groups=data.groups)))
 
 
-def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: int, view: Progress) -> None:
+def _introduce(directory: StudyDirectory, plan: StudyPlan, wanted: int, recorded: int, view: Progress) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
     what = "study" if plan.header.terms else "noise run"
     view.say(f"{what}: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
@@ -441,6 +431,8 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
         view.say(plan.header.apart)
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
     if plan.header.chosen_by:
+        from tacevo.results.noise_runs import noise_runs
+
         names = {noise.digest: noise.name for noise in noise_runs(plan.run)}
         several = f", the largest of {len(names)}" if len(names) > 1 else ""
         view.say(f"elites chosen by the noise run {names[plan.header.chosen_by]}{several}")
@@ -490,7 +482,7 @@ def _train(
     return [verdicts[place] for place in range(len(jobs))]
 
 
-def _rows(plan: _Plan, evaluator: Evaluator | FullEvaluator, verdicts: Sequence[_Verdict]) -> list[Row]:
+def _rows(plan: StudyPlan, evaluator: Evaluator | FullEvaluator, verdicts: Sequence[_Verdict]) -> list[Row]:
     """Return the lines of the scores, one for each job."""
     pairs = zip(plan.jobs, verdicts, strict=True)
     training = plan.config.training
@@ -511,7 +503,7 @@ def _row(job: _Job, evaluation: str, verdict: _Verdict, rule: Fitness | None) ->
             reason=verdict.reason,
         )
     if isinstance(verdict, Training):
-        assert rule is not None  # as `estimate_noise` demands
+        assert rule is not None  # as `tacevo.studies.noise` demands
         losses = verdict.validation_losses
         epoch = losses.index(min(losses)) + 1 if isinstance(rule, Lowest) else len(losses)
         loss, verdict = rule.of(losses), FullTraining(training=verdict, epoch=epoch, metrics={}, confusion=None)

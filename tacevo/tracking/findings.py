@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from analysis.report.collection import Compared, outcomes, read_studies
+from analysis.report.outputs import outputs
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.niches import load_niches
 from analysis.studies.comparison import of_whole
 from analysis.studies.reestimates import Reestimates
 from analysis.table import Table
 from analysis.tables.comparison import scores_table, verdicts_table
-from analysis.tables.noise import noise_table
 from analysis.tables.rendering import as_csv, as_markdown
 from tacevo.errors import RunError, StoreError
 from tacevo.records import Json, to_json, written
@@ -115,8 +115,8 @@ def _statistics(compared: Compared | None, again: Reestimates | None) -> Iterato
         for row in of_whole(compared.comparisons).to_dict("records"):
             yield from _named({name: row[name] for name in _STATISTICS}, row["network"], 0)
     if again is not None:
-        for row in again.noise.to_dict("records"):
-            yield from _named({"median": row["median"]}, row["network"], 0)
+        for network, median in zip(again.networks, again.medians, strict=True):
+            yield from _named({"median": median}, network.name, 0)
 
 
 def _named(figures: Mapping[str, Any], network: str, step: int) -> Iterator[Point]:
@@ -135,4 +135,8 @@ def _table(run: RecordedRun, compared: Compared | None, again: Reestimates | Non
     if compared is not None:
         comparisons = compared.comparisons
         return scores_table(compared.study) if comparisons is None else verdicts_table(compared.study, comparisons)
-    return None if again is None else noise_table(again, run.task, run.record.trivial)
+    if again is None or "noise" in outputs(ours=True).missing:
+        return None
+    from analysis.tables.noise import noise_table  # of an output, which may be missing
+
+    return noise_table(again, run.task, run.record.trivial)

@@ -12,6 +12,7 @@ import pytest
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
 
 from analysis.report.collection import collect
+from analysis.studies.noise import SeedNoise
 from tacevo.cli.app import main
 from tacevo.evolution.fitness import Last, Lowest, MeanOf3
 from tacevo.evolution.lines import CandidateLine
@@ -112,5 +113,5 @@ def test_a_run_by_another_rule(name: str, rule: Fitness, tmp_path: Path, monkeyp
         assert row.validation_loss == rule.of(training.validation_losses)
     of_study, of_noise = collect(run.path, Path("cache")).reestimates
     assert (of_study.rule, of_noise.rule) == (name, name)
-    assert of_study.rankings is not None
-    assert of_study.noise.recorded.tolist() == [run.fitness[one.id] for one in of_study.networks]
+    assert of_study.curves is not None
+    assert SeedNoise(of_study).frame.recorded.tolist() == [run.fitness[one.id] for one in of_study.networks]

@@ -19,6 +19,7 @@ from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine, training_flops
 from tacevo.evolution.run_files import line_kind
 from tacevo.evolution.state import Budget, Plan
+from tacevo.evolution.surrogate import SkipsWorst
 from tacevo.evolution.temperatures import Paper, Stall
 from tacevo.parts import Temperature
 from tacevo.parts.kinds import PARENTS
@@ -53,7 +54,7 @@ PLANS = {
     },
     "budget": replace(fakes.plan(generations=9), budget=BUDGET),
     "repairs": replace(fakes.plan(), repairs=2),
-    "skipped": replace(fakes.plan(generations=8), skipped=0.5),
+    "skipped": replace(fakes.plan(generations=8), skipping=SkipsWorst(part=0.5)),
 }
 
 

@@ -18,12 +18,12 @@ from tacevo.evolution.instructions import Effect
 from tacevo.evolution.lines import CandidateLine, GenerationLine, gate_stages, skipped_note, source_hash
 from tacevo.evolution.proposals import Candidate
 from tacevo.evolution.state import Plan
-from tacevo.evolution.surrogate import ALPHA, LEAST, features, fit, quantile, skips
+from tacevo.evolution.surrogate import ALPHA, LEAST, SkipsWorst, features, fit, quantile
 from tacevo.profile import Admitted
 from tacevo.records import Rejection, Training
 
 #: A search in which some answers are skipped, and some equal those that were trained before.
-PLAN = replace(fakes.plan(generations=12), skipped=0.5)
+PLAN = replace(fakes.plan(generations=12), skipping=SkipsWorst(part=0.5))
 
 Networks = list[tuple[dict[str, float], float]]
 
@@ -183,17 +183,16 @@ def test_extreme_fitness_gives_finite_predictions(fitness: float) -> None:
     surrogate = fit([(one.features, one.fitness) for one in known if math.isfinite(one.fitness)])
     assert math.isfinite(surrogate.predict({"parameters": 2.0**53}))
     assert math.isfinite(surrogate.predict(features(_admitted(2**53 - 1).profile)))
-    skips(known, 0.5)(_admitted(100))
+    SkipsWorst(part=0.5).skips(known)(_admitted(100))
 
 
 def test_the_worst_part_is_skipped() -> None:
     """Where more parameters mean a higher loss: those above the quantile, not those at it, and of no tie."""
     known = _candidates([math.exp(number) for number in range(21)])
     small, large = _admitted(round(math.exp(9))), _admitted(round(math.exp(11)))
-    decide = skips(known, 0.5)
+    decide = SkipsWorst(part=0.5).skips(known)
     assert (decide(small), decide(large)) == (False, True)
-    assert not skips(known, 0.0)(large)
-    assert not skips(known[: LEAST - 1], 0.5)(large)
+    assert not SkipsWorst(part=0.5).skips(known[: LEAST - 1])(large)
     assert not decide(replace(large, source=known[0].source))  # trained before
     tied = [replace(one, features={"parameters": 1.0}) for one in known]
-    assert not skips(tied, 0.5)(large)
+    assert not SkipsWorst(part=0.5).skips(tied)(large)

@@ -1,6 +1,7 @@
 """A part that decides is recorded and confined: whatever it does, a decision follows from what it was given."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -20,6 +21,7 @@ from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
 
 from tacevo.bundles.format import sealed
 from tacevo.config.compose import compose
+from tacevo.config.conf_folder import reading_own
 from tacevo.errors import ConfigError, PartError
 from tacevo.parts.kinds import PARENTS, PROMPTS
 from tacevo.parts.registry import find
@@ -133,6 +135,18 @@ def test_part_is_read_without_being_run(tmp_path: Path, text: str, expected: str
     with refused(ConfigError, place="proposals.parents=Rule, rule.py", expected=expected):
         read_sources(find(PARENTS, f"{file}:Rule"))
     assert not (tmp_path / "ran").exists()
+
+
+def test_mark_before_the_source_is_no_part_of_it(tmp_path: Path) -> None:
+    """Some editors write one; the part is the same with it, in a module that it imports, too. UTF-16 is refused."""
+    for folder, encoding in (("plain", "utf-8"), ("marked", "utf-8-sig"), ("wide", "utf-16")):
+        shutil.copytree(HONEST.parent, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
+        for file in (tmp_path / folder).glob("*.py"):
+            file.write_text(file.read_text(), encoding=encoding)
+    plain, marked = (read_sources(find(PARENTS, f"{tmp_path / name}/honest.py:Greedy")) for name in ("plain", "marked"))
+    assert plain == marked
+    with refused(ConfigError, place="proposals.parents=Greedy", expected="UTF-8"):
+        read_sources(find(PARENTS, f"{tmp_path}/wide/honest.py:Greedy"))
 
 
 SIZES = [*SMALLEST, UNTRACKED, *PUBLISHED_SIZES, "search.generations=2", "store.root=cache", "run.dir=run"]
@@ -255,6 +269,57 @@ def test_decision_of_no_known_form_is_refused(recorded: Path, tmp_path: Path, an
     assert re.search("^(refused|different): ", done.stderr, re.MULTILINE)
 
 
+def _link(path: Path) -> None:
+    path.symlink_to(HONEST)
+
+
+def _pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def _huge(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(50 * 10**9)  # which takes no place on the disk
+
+
+def _loop(path: Path) -> None:
+    path.symlink_to(path.parent)
+
+
+@pytest.mark.parametrize("lay", [_link, _pipe, _huge, _loop])
+def test_what_is_no_file_of_sources_is_never_read(recorded: Path, tmp_path: Path, lay: Callable[[Path], None]) -> None:
+    """Below `parts/` of a run: in place of a source it is not what decided, and beside the sources it is nothing."""
+    shutil.copytree(recorded / "run", tmp_path / "run")
+    lay(tmp_path / "run/parts/Greedy/other.py")
+    asked = "replay", "run", "--store", str(recorded / "cache")
+    assert "EQUAL: " in tacevo(*asked, cwd=tmp_path).stdout
+    source = tmp_path / "run/parts/Greedy/honest.py"
+    source.unlink()
+    lay(source)
+    assert "they were edited" in tacevo(*asked, cwd=tmp_path, status=2).stderr
+
+
+def test_link_in_place_of_the_sources_is_not_followed(recorded: Path, tmp_path: Path) -> None:
+    """Not even to the very sources that decided."""
+    shutil.copytree(recorded / "run", tmp_path / "run")
+    sources = tmp_path / "run/parts/Greedy"
+    sources.rename(tmp_path / "elsewhere")
+    sources.symlink_to(tmp_path / "elsewhere")
+    refusal = tacevo("replay", "run", "--store", recorded / "cache", cwd=tmp_path, status=2)
+    assert "no sources" in refusal.stderr
+
+
+@pytest.mark.parametrize(("name", "mode"), [("big.py", 0o100644), ("link.py", 0o120777), ("pipe.py", 0o010644)])
+def test_bundle_brings_no_link_pipe_or_huge_file(recorded: Path, tmp_path: Path, name: str, mode: int) -> None:
+    """Beside the sources of a part, in a zip that says so of a member; nothing is laid down."""
+    shutil.copy(recorded / "run.zip", tmp_path)
+    with zipfile.ZipFile(tmp_path / "run.zip", "a", zipfile.ZIP_DEFLATED) as bundle:
+        member = zipfile.ZipInfo(f"run/parts/Greedy/{name}")
+        member.external_attr, member.compress_type = mode << 16, zipfile.ZIP_DEFLATED
+        bundle.writestr(member, b"/etc/passwd" if name != "big.py" else bytes(300_000_000))
+    assert "refused: " in tacevo("replay", "run.zip", cwd=tmp_path, status=1).stderr
+
+
 def test_run_goes_on_only_with_the_part_that_began_it(recorded: Path, tmp_path: Path) -> None:
     """The same command finds the run; with an edited part it is another one. A stranger's run asks for trust."""
     for name in ("run", "cache"):
@@ -288,6 +353,20 @@ def test_settings_of_a_part_are_checked(setting: str, place: str, expected: str,
         compose(["experiment=demo", f"proposals.parents={HONEST}:Greedy", setting])
 
 
+def test_settings_of_a_part_stand_in_the_file_of_an_arm(tmp_path: Path) -> None:
+    """It is laid over what was chosen, as all settings of an arm; a misspelt one is refused by its name."""
+    (tmp_path / "ablation").mkdir()
+    arm = tmp_path / "ablation/mine.yaml"
+    arm.write_text(f"proposals:\n  parents: {HONEST}:Greedy\nparts:\n  Greedy:\n    k: 4\n")
+    with reading_own(str(tmp_path)):
+        for given in ([], ["parts.Greedy.margin=0.5"]):
+            config = compose(["experiment=demo", "ablation=mine", *given])
+            assert config.parts["Greedy"] == {"k": 4, "margin": 0.5 if given else 0.0}
+        arm.write_text(arm.read_text().replace("k: 4", "kk: 4"))
+        with refused(ConfigError, place="parts.Greedy.kk", got="not a setting"):
+            compose(["experiment=demo", "ablation=mine"])
+
+
 def test_default_of_a_part_is_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing in it is resolved: a secret of the environment would stand in the run."""
     monkeypatch.setenv("SECRET", "sk-very-secret")
@@ -314,6 +393,19 @@ def test_answer_of_another_type_is_no_decision(process: PartProcess, answer: str
     rule = Recorded(kind=PROMPTS, name="Rule", module="rule", attribute="Rule", sources={"rule.py": text})
     with pytest.raises(PartError):
         process.ask(rule, "prompts.draw", {"trials": [], "changes": {}, "pool": [0, 1], "rng": [1, 2]})
+
+
+@pytest.mark.skipif("avx512f" not in Path("/proc/cpuinfo").read_text(), reason="this CPU has no AVX-512")
+def test_numpy_computes_alike_on_cpus_with_and_without_avx512(process: PartProcess) -> None:
+    """A deciding process uses none of these instructions, in which sums and functions have other last bits."""
+    used = part(
+        "known = np._core._multiarray_umath\n"
+        "raise ValueError([name for name in known.__cpu_dispatch__ if known.__cpu_features__[name]])"
+    )
+    with pytest.raises(PartError) as caught:
+        process.ask(used, "parents.draw", GIVEN)
+    assert re.search("AVX2|X86_V3", caught.value.got)
+    assert not re.search("AVX512|X86_V4", caught.value.got)
 
 
 def test_part_has_all_of_numpy(process: PartProcess) -> None:

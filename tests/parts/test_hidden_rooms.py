@@ -14,6 +14,8 @@ from checkout import PUBLISHED, ROOT
 from rooms import ROOMS, Ended, run_without
 from smallest import ARCHIVES, Once
 
+from tacevo.parts.facts import OUTPUT_TABLES
+
 ALL = "all at once"
 
 HIDDEN = {**ROOMS, ALL: " ".join(ROOMS.values())}
@@ -42,12 +44,17 @@ CORE = {
 
 
 def _record(folder: Path) -> None:
-    """Record a search with its study, and publish it, with all rooms."""
+    """Record a search with its study and a noise run, and publish it, with all rooms."""
     rng, labels = np.random.default_rng(0), np.arange(120) % 2
     images = rng.integers(0, 60, (120, 16, 16), dtype=np.uint8)
     images[labels == 1, :, 8:] += 120
     np.savez(folder / "small.npz", images=images, labels=labels)
-    first = f"search {SETTINGS} run.dir=runs/first", f"study runs/first {STUDY}", "publish runs/first -o run.zip"
+    first = (
+        f"search {SETTINGS} run.dir=runs/first",
+        f"study runs/first {STUDY}",
+        "noise runs/first elites=1 seeds=2",
+        "publish runs/first -o run.zip",
+    )
     for status, _, said in run_without("", first, folder / "all", folder):
         assert status == 0, said
 
@@ -80,6 +87,16 @@ def test_rooms_are_there() -> None:
     for names in ROOMS.values():
         for name in names.split():
             assert importlib.util.find_spec(name) is not None, name
+
+
+def test_noise_run_that_cannot_be_shown_is_named(recorded: Path, tmp_path: Path) -> None:
+    """The summary of the run and what its study found stand there; each noise run is in a line with what is missing."""
+    shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
+    ((status, printed, _),) = run_without(HIDDEN["noise"], ["show runs/first"], tmp_path / "hidden", tmp_path)
+    (noise,) = (path.name for path in (tmp_path / "runs" / "first" / "studies").glob("noise*"))
+    assert status == 0
+    assert [line for line in printed.splitlines() if noise in line and "pip install" in line]
+    assert [line for line in printed.splitlines() if line.startswith("## elites")]
 
 
 @pytest.mark.few(2)
@@ -115,6 +132,8 @@ NAMING = {
     "init": ["init mine"],
     "crate": ["publish runs/first -o again.zip"],
     "motifs": ["publish runs/first -o again.zip"],
+    "noise": ["noise runs/first", "study runs/first choose=reestimated", "publish runs/first -o again.zip"],
+    "surrogate": [f"search {SETTINGS} proposals.skipped=0.5"],
 }
 
 
@@ -133,14 +152,16 @@ def test_what_names_a_hidden_room_is_told_in_one_line(room: str, recorded: Path,
     assert {path for path in tmp_path.iterdir() if path.is_dir()} <= made | {tmp_path / "runs", tmp_path / "paper"}
 
 
-def test_tables_of_a_missing_part_are_missing_and_said(recorded: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("room", ["motifs", "noise"])
+def test_tables_of_a_missing_part_are_missing_and_said(room: str, recorded: Path, tmp_path: Path) -> None:
     """All others are written; and a bundle that holds such tables is EQUAL, but for them, which the replay says."""
     shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
     (_, _, said), (status, printed, _) = run_without(
-        HIDDEN["motifs"], ["tables runs/first --output tables", "replay run.zip"], tmp_path / "hidden", tmp_path
+        HIDDEN[room], ["tables runs/first --output tables", "replay run.zip"], tmp_path / "hidden", tmp_path
     )
-    assert re.search("no tables of motifs: .*analysis.tables.motifs", said)
-    assert (tmp_path / "tables" / "gate.csv").exists()
-    assert not (tmp_path / "tables" / "more" / "motifs.csv").exists()
+    assert re.search(f"no tables of {room}: .*analysis.tables.{room}", said)
+    made = {path.stem for path in (tmp_path / "tables").rglob("*.csv")}
+    assert {"gate", "improvement", "scores"} - made == set()
+    assert made & set(OUTPUT_TABLES[room]) == set()
     assert status == 0
     assert "of a part that is not installed" in printed

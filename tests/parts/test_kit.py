@@ -10,8 +10,9 @@ from typing import Any
 import honest
 import numpy as np
 import pytest
-from checkout import ROOT
+from checkout import PUBLISHED, ROOT
 
+from analysis.table import Table
 from tacevo.evolution import fitness, instructions, parents
 from tacevo.parts.output import Output
 from tacevo.parts.provider import Keep
@@ -235,6 +236,37 @@ def idle(parser: ArgumentParser) -> None:
 def test_others_that_break_promises_are_found(part: object, number: int) -> None:
     """An output that adds nothing or cannot be called, a tracker that raises, a command that runs nothing."""
     assert len(broken(part)) == number
+
+
+class Fickle(Output):
+    """Another table each time."""
+
+    count = 0
+
+    def tables(self, run: object, profiles: object) -> Any:
+        Fickle.count += 1
+        return [Table(name="count", caption="Calls.", columns=("calls",), rows=((Fickle.count,),))]
+
+
+class Lost(Output):
+    def sweep_section(self, sweep: object) -> Any:
+        raise KeyError("lost")
+
+
+@pytest.mark.parametrize(
+    ("output", "place", "words"),
+    [
+        (Fickle(), PUBLISHED / "force-variants.zip", "the same again"),
+        (Lost(), ROOT / "examples/lexicase.zip", "KeyError: 'lost', test_kit.py, line"),
+    ],
+    ids=["another table", "a section that raises"],
+)
+def test_output_is_tried_with_records(output: Output, place: Path, words: str) -> None:
+    """What it breaks there is named, and nowhere else."""
+    assert all(contract.fault() == "" for contract in contracts(output))
+    *kept, last = contracts(output, run=place)
+    assert all(contract.fault() == "" for contract in kept)
+    assert words in last.fault()
 
 
 def test_executor_of_ours_passes() -> None:

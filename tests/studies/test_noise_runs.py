@@ -14,6 +14,7 @@ from smallest import Once
 
 from analysis.report.collection import collect, tables_of
 from analysis.rounding import shown
+from analysis.studies.noise import SeedNoise
 from analysis.studies.reestimates import load_reestimates
 from analysis.tables.noise import noise_tables
 from tacevo.cli.app import main
@@ -138,16 +139,16 @@ def test_tables_set_record_and_re_estimates_beside_each_other(noisy: Path) -> No
     assert sorted(name[:5] for name in by_name) == ["elite", "noise"]
     noise, rows = by_name[noise_of(noisy).path.name], rows_of(noise_of(noisy))
     best = collection.run.ranked()[0]
-    assert best.fitness in list(noise.noise.recorded)
+    assert best.fitness in list(SeedNoise(noise).frame.recorded)
     assert noise.median_of(best.id) == pytest.approx(median(row.validation_loss for row in rows if row.id == best.id))
     (study,) = (one for name, one in by_name.items() if name.startswith("elites"))
     tested = rows_of(StudyDirectory(noisy / "run" / "studies" / study.name))
     for network in study.networks:  # of one epoch, which is the search's and the best
         losses = [row.validation_loss for row in tested if row.id == network.id]
         assert study.median_of(network.id) == pytest.approx(median(losses))
-    assert study.rankings is not None
-    assert len(study.rankings) == 1
-    assert noise.rankings is None
+    assert study.curves is not None
+    assert study.curves.losses.shape[2] == 1
+    assert noise.curves is None
 
 
 def test_archive_whose_elites_were_all_trained_again_is_corrected(folder: Path) -> None:
@@ -232,7 +233,7 @@ def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsy
     run, directory = read_run(folder / "run"), noise_of(folder)
     again = load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
     assert again is not None
-    for row in again.noise.itertuples():
+    for row in SeedNoise(again).frame.itertuples():
         cells = [shown(value) for value in (row.recorded, row.median, row.least, row.most)]
         assert all(cell in line for cell in cells for line in told.splitlines() if line.startswith(f"| {row.network} "))
     assert "fitness, one draw" in told

@@ -58,6 +58,8 @@ function drawRun() {
     drawStudies();
     showPanel("tables", run.tables.length > 0);
     byId("run-tables").replaceChildren(...run.tables.map(tableOf));
+    showPanel("parts", run.sections.length > 0);
+    byId("parts-body").replaceChildren(...run.sections.map(sectionOf));
     byId("provenance-facts").replaceChildren(...facts(run.provenance).childNodes);
     byId("settings").textContent = JSON.stringify(run.settings, null, 2);
     byId("samples").hidden = run.samples === null;

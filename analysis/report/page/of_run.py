@@ -75,6 +75,8 @@ class RunMaterial:
     remarks: Sequence[str] = ()
     #: Sample images, as a `data:` address.
     samples: str | None = None
+    #: Of installed outputs, as of `sections_contents`.
+    sections: Sequence[Mapping[str, Any]] = ()
 
 
 def run_contents(given: RunMaterial) -> dict[str, Any]:
@@ -106,6 +108,7 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
         "by_temperature": _rows(by_temperature(run)),
         "studies": [_study(compared, tables) for compared in collection.studies],
         "tables": [table_contents(table) for table in tables if not _of_study(table, collection.studies)],
+        "sections": given.sections,
         "samples": given.samples,
         "provenance": _provenance(run),
         "settings": identity(run.config),

@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from analysis.report.outputs import Outputs, Say, outputs, unsaid
 from analysis.report.page.of_run import table_contents
+from analysis.report.page.sections import sections_contents
 from analysis.report.sweep_collection import SweepCollection, sweep_tables
 from analysis.sweeps.ablation import CURVES, QUARTILES, by_generation
 from analysis.sweeps.arm_metrics import Metric
@@ -22,8 +24,13 @@ ENDS = (
 )
 
 
-def sweep_contents(collected: SweepCollection) -> dict[str, Any]:
-    """Return the arms of a sweep: how they went by generation, where every seed ended, and the tables."""
+def sweep_contents(collected: SweepCollection, installed: Outputs | None = None, say: Say = unsaid) -> dict[str, Any]:
+    """Return the arms of a sweep: how they went by generation, where every seed ended, the tables, and sections.
+
+    Of installed outputs there are those of ours unless others are given; `say` is called with a sentence on what
+    others cannot make.
+    """
+    known = outputs(ours=True) if installed is None else installed
     arms = [
         {
             "name": name,
@@ -37,7 +44,11 @@ def sweep_contents(collected: SweepCollection) -> dict[str, Any]:
         for name in collected.ablation.names
         if name in set(collected.ablation.jobs.arm)
     ]
-    return {"arms": arms, "tables": [table_contents(table) for table in sweep_tables(collected)]}
+    return {
+        "arms": arms,
+        "tables": [table_contents(table) for table in sweep_tables(collected, known, say)],
+        "sections": sections_contents(known.sweep_sections(collected, say), say),
+    }
 
 
 def _band(curves: pd.DataFrame, arm: str, metric: Metric) -> dict[str, list[float | None]]:

@@ -1,4 +1,4 @@
-// Studies of a run and arms of a sweep, where there are any; and all tables.
+// Studies of a run and arms of a sweep, where there are any; sections of parts; and all tables.
 
 function drawStudies() {
     const { studies } = state.run;
@@ -101,6 +101,23 @@ function drawSweep() {
     });
     byId("arms-figures").replaceChildren(...bands, ...ends);
     byId("arms-tables").replaceChildren(...sweep.tables.map(tableOf));
+    byId("arms-sections").replaceChildren(...sweep.sections.map(sectionOf));
+}
+
+// What an installed part adds: text, images and tables, of which nothing is markup.
+function sectionOf(section) {
+    const figures = section.figures.map((one) =>
+        h("figure", null, h("img", { src: one.image, alt: one.caption }), h("figcaption", null, one.caption)),
+    );
+    return h(
+        "section",
+        { class: "part" },
+        h("h3", null, section.title),
+        ...section.sentences.map((sentence) => h("p", null, sentence)),
+        ...(figures.length > 0 ? [h("div", { class: "figures" }, ...figures)] : []),
+        ...section.tables.map(tableOf),
+        h("p", { class: "note" }, `By ${section.by}.`),
+    );
 }
 
 function tableOf(table) {

@@ -10,7 +10,7 @@ from tacevo_lexicase.parents import Ageing, Lexicase, novelty
 from tacevo_lexicase.sources import RobotLogs
 
 from tacevo.errors import DataError
-from tacevo.parts.testing import Contract, contracts
+from tacevo.parts.testing import Contract, check, contracts
 from tacevo.sandbox.part import SeenCandidate
 
 
@@ -44,6 +44,12 @@ def logs(folder: Path, touches: int = 12) -> Path:
 def test_contract_is_kept(contract: Contract) -> None:
     """The two rules with several settings, and the table."""
     contract.check()
+
+
+@pytest.mark.parametrize("place", ["lexicase.zip", "lexicase.zip/proposals.parents-lexicase-seed0"])
+def test_ancestors_are_shown_of_runs_and_sweeps(place: str) -> None:
+    """Of the ablation that is published, and of one of its jobs: table, figure and section."""
+    check(Ancestors(), run=Path(__file__).parents[2] / place)
 
 
 def test_logs_keep_their_contracts(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@
 parts whose code you trust.
 """
 
+import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -39,7 +40,6 @@ _CONTRACTS: Mapping[Kind, Callable[[Any], list[Contract]]] = {
     PROVIDERS: provider_contracts,
     EXECUTORS: executor_contracts,
     TRACKERS: tracker_contracts,
-    OUTPUTS: output_contracts,
     COMMANDS: command_contracts,
 }
 
@@ -58,11 +58,12 @@ def kind_of(part: object) -> Kind | None:
     return COMMANDS if callable(part) and not isinstance(part, type) else None
 
 
-def contracts(part: Any) -> list[Contract]:
+def contracts(part: Any, *, run: str | os.PathLike[str] | None = None) -> list[Contract]:
     """List what a part promises, by its kind; nothing is called yet.
 
     Args:
         part: made with its settings, e.g. `Lexicase(cases="fitness,novelty")`; of a command, the function.
+        run: of an output, a finished run or sweep that it is tried with: its directory or its bundle.
 
     Raises:
         TypeError: it is none of the kinds.
@@ -75,19 +76,20 @@ def contracts(part: Any) -> list[Contract]:
         return deciding_contracts(part, kind)
     if kind in _METHODS:
         return [Contract("is a frozen dataclass", partial(check_frozen, part)), *_CONTRACTS[kind](part)]
-    return _CONTRACTS[kind](part)
+    return output_contracts(part, run) if kind is OUTPUTS else _CONTRACTS[kind](part)
 
 
-def check(part: Any) -> None:
+def check(part: Any, *, run: str | os.PathLike[str] | None = None) -> None:
     """Test all that a part promises.
 
     Args:
         part: as of `contracts`.
+        run: as of `contracts`.
 
     Raises:
         AssertionError: it breaks a promise; the message has a line for each that it breaks.
         TypeError: it is none of the kinds.
     """
-    broken = [f"{contract}: {fault}" for contract in contracts(part) if (fault := contract.fault())]
+    broken = [f"{contract}: {fault}" for contract in contracts(part, run=run) if (fault := contract.fault())]
     if broken:
         raise AssertionError("\n".join(["broken promises of a part:", *broken]))

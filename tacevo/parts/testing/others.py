@@ -3,6 +3,7 @@
 import argparse
 import inspect
 import json
+import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -98,8 +99,8 @@ def tracker_contracts(tracker: Any) -> list[Contract]:
     ]
 
 
-def output_contracts(output: Any) -> list[Contract]:
-    """List what an output promises."""
+def output_contracts(output: Any, run: str | os.PathLike[str] | None) -> list[Contract]:
+    """List what an output promises; with a run or a sweep, also what it adds to that."""
     own = [name for name in vars(Output) if not name.startswith("_") and name in vars(type(output))]
 
     def made() -> None:
@@ -115,9 +116,18 @@ def output_contracts(output: Any) -> list[Contract]:
             found = list(inspect.signature(getattr(type(output), name)).parameters)
             require(len(found) == len(needed), f"{name}({', '.join(needed)})", f"{name}({', '.join(found)})")
 
+    def writes() -> None:
+        """Nothing raises, all can be written and drawn, and equal records give equal tables and sections."""
+        from tacevo.api.trying import faults_of
+
+        assert run is not None
+        faults = faults_of(output, run)
+        require(not faults, "nothing left out", "; ".join(faults))
+
     return [
         Contract("is made without arguments", made),
-        Contract("adds tables or figures by methods that can be called", adds),
+        Contract("adds something by methods that can be called", adds),
+        *([] if run is None else [Contract(f"adds the same again to {Path(run).name}, and all of it", writes)]),
     ]
 
 

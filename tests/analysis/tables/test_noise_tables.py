@@ -8,8 +8,8 @@ import pytest
 from hand_runs import altered, closed, elite, run, trained
 from studies import network
 
-from analysis.statistics.seed_noise import agreement, icc, rankings, worth
-from analysis.studies.reestimates import Reestimates
+from analysis.statistics.seed_noise import agreement, icc, worth
+from analysis.studies.reestimates import Curves, Reestimates
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import OTHER_SEEDS, improvement_table
 from analysis.tables.noise import noise_table, noise_tables
@@ -63,7 +63,7 @@ def test_ranking_shows_the_search_s_epoch_and_the_last() -> None:
     """Among doublings of 1; every other epoch is left out."""
     rng = np.random.default_rng(0)
     losses, scores = rng.random((2, 4, 11)), rng.random((2, 4))
-    again = replace(reestimates(), rankings=rankings(losses, scores), worth=worth(losses, scores))
+    again = replace(reestimates(), curves=Curves(losses=losses, fitness=losses, tested=scores))
     _, table, _ = noise_tables(again, "force", None)
     assert [row[0] for row in table.rows] == [1, 2, 4, 5, 8, 11]
 
@@ -89,9 +89,8 @@ def test_each_rule_is_judged_by_its_own_fitness() -> None:
     assert rows.one_seed["lowest"] == 1 > rows.one_seed["last"]
     assert rows.icc["lowest"] > 0.9
     assert rows.icc["last"] < 0.5
-    table = noise_tables(
-        replace(reestimates(), rankings=rankings(losses, levels + np.zeros(6)), worth=worths), "force", None
-    )[2]
+    curves = Curves(losses=losses, fitness=losses, tested=levels + np.zeros(6))
+    table = noise_tables(replace(reestimates(), curves=curves), "force", None)[2]
     assert [row[0] for row in table.rows] == ["last", "lowest", "mean_of_3"]
 
 

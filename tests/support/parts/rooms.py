@@ -23,7 +23,7 @@ ROOMS: Mapping[str, str] = {
     "table": (
         "tacevo.results.space_table tacevo.results.table_checks tacevo.results.table_records "
         "tacevo.results.table_files tacevo.studies.tabulate tacevo.cli.tabulate tacevo.runs.looked_up "
-        "tacevo.reproduce.space_table tacevo.api.space_tables"
+        "tacevo.reproduce.space_table tacevo.api.space_tables analysis.statistics.spaces"
     ),
     "slurm": "tacevo.sweeps.slurm submitit",
     "page": "analysis.report.page analysis.report.following tacevo.api.page",
@@ -38,6 +38,11 @@ ROOMS: Mapping[str, str] = {
     "transfer": "analysis.tables.transfer analysis.studies.transfer",
     "published": "analysis.tables.published",
     "gpus": "tacevo.training.leases",
+    "surrogate": "tacevo.evolution.surrogate",
+    "noise": (
+        "tacevo.studies.noise tacevo.cli.noise tacevo.results.noise_runs analysis.tables.noise "
+        "analysis.tables.noise_outcome analysis.studies.noise analysis.studies.corrected analysis.statistics.seed_noise"
+    ),
 }
 
 #: Python imports it first in every process: what is hidden is found nowhere, as if it were not installed.

@@ -27,6 +27,23 @@ _WORDS = {*Operator, *Stage, *Reason, *AddStatus}
 #: Mappings whose keys come from outside, too.
 _NAMED = {"sources", "settings", "bands", "ends"}
 
+#: As an installed output adds it; the image is one white pixel.
+SECTION = {
+    "title": "Ancestors",
+    "by": "ancestors, mylab 1.0",
+    "sentences": ["Few.", "Many."],
+    "figures": [
+        {
+            "caption": "A pixel.",
+            "image": "data:image/png;base64,"
+            "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGP4DwABAQEAsTjW7AAAAABJRU5ErkJggg==",
+        }
+    ],
+    "tables": [
+        {"caption": "Of jobs.", "columns": ["job"], "numeric": [False], "rows": [["a"], ["b"]], "notes": ["Two."]}
+    ],
+}
+
 #: One of the first published runs (test_rules).
 SHIPPED = BUNDLES / "force-grammar.zip"
 
@@ -41,7 +58,10 @@ def page_of(run: Path, store: Path, *, title: str) -> PageContents:
     """Return what the page of a run shows, without its sample images."""
     collection = collect(run, store)
     material = RunMaterial(
-        collection=collection, texts=read_texts(collection.run)[0], tables=tables_of(collection, None)
+        collection=collection,
+        texts=read_texts(collection.run)[0],
+        tables=tables_of(collection, None),
+        sections=[SECTION],
     )
     return page_contents([material], title=title, checked=[f"digest {64 * 'f'}"], commands=["tacevo replay it"])
 
@@ -64,6 +84,11 @@ def check_panels(page: Page, contents: PageContents) -> None:
         len(one["values"]) for study in run["studies"] for one in study["networks"]
     )
     assert page.locator("#run-tables details").count() == len(run["tables"])
+    assert page.locator("#parts-body section").count() == len(run["sections"])
+    for section in run["sections"]:
+        for text in (section["title"], *section["sentences"], section["by"]):
+            assert page.locator("#parts-body", has_text=" ".join(text.split())).count()
+    assert page.locator("#parts-body img").count() == sum(len(section["figures"]) for section in run["sections"])
     assert page.locator("#headlines p").all_inner_texts() == list(run["headlines"])
     assert page.locator("#checked li").all_inner_texts() == list(contents.checked)
     assert run["provenance"][1][1] in page.locator("#provenance-facts").inner_text()
@@ -82,7 +107,7 @@ def elites_of(generation: dict[str, Any]) -> set[str]:
 
 def _poisoned(value: Any, name: str = "") -> Any:
     """Return JSON with `HOSTILE` behind its texts; those of a mapping of a `name` that is `_NAMED` behind its keys."""
-    if isinstance(value, str) and value not in _WORDS:
+    if isinstance(value, str) and value not in _WORDS and name != "image":  # which the page draws itself
         return value + HOSTILE
     if isinstance(value, dict) and "marks" in value:
         return {"text": value["text"] + HOSTILE, "marks": marked(value["text"] + HOSTILE)}

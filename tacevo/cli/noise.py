@@ -1,0 +1,34 @@
+"""The command `tacevo noise`, of a run or of the jobs of a sweep."""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from tacevo.cli.common import tell
+from tacevo.cli.study import composed, end, introduce, report_sweep, show_found
+from tacevo.config.compose import compose_noise, compose_study
+from tacevo.environment import as_typed
+from tacevo.results.study_directory import StudyDirectory
+from tacevo.runs.progress import Progress
+from tacevo.studies.noise import estimate_noise, estimate_noise_of_sweep
+from tacevo.text import counted
+
+
+def run_noise(words: Sequence[str]) -> int:
+    """Train elites again under other seeds."""
+    config = composed(compose_noise, words)
+    if config.sweep is not None:
+        with Progress() as view:
+            noise_runs, unfinished = estimate_noise_of_sweep(Path(config.sweep), config, view)
+        return report_sweep(Path(config.sweep), noise_runs, unfinished, "noise run", "lower elites=")
+    with Progress() as view:
+        studied = estimate_noise(config, view)
+    introduce(studied, "noise run")
+    run = show_found(studied, config.store.root)
+    if run.answered and not run.shortfall and not run.config.data.facts.is_looked_up:
+        usual = compose_study(["run=RUN"])
+        elites = min(len(StudyDirectory(studied.directory).read().networks) - 1, usual.elites)
+        trainings = f"{counted((elites + 1) * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"
+        command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=reestimated elites={elites}"
+        tell(f"next:   {command}    # {trainings}")
+    return end(studied, "lower elites=")
