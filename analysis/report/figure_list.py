@@ -1,10 +1,9 @@
 """Which pictures a run, its studies and a sweep give, with the words below them; how they become files."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -13,20 +12,18 @@ from analysis.figures.ablations import curves, final_values
 from analysis.figures.by_generation import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.pareto import pareto
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
 from analysis.report.collection import Collection
+from analysis.report.outputs import Outputs, outputs
 from analysis.report.sweep_collection import SweepCollection
 from analysis.rounding import p_in_words
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches
-from analysis.runs.pareto import beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
-from analysis.studies.reestimates import losses_by_source
 from analysis.tables.ablation import common_note, temperature_notes
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Kind
@@ -65,11 +62,13 @@ def write_pictures(pictures: Iterable[Picture], directory: Path, endings: Sequen
         on_drawn(picture.name)
 
 
-def pictures_of(collection: Collection) -> tuple[Picture, ...]:
-    """List every figure of a run and its studies; the names of a study's figures begin with its own."""
-    pictures = list(run_pictures(collection.run, collection.niches, losses_by_source(collection.reestimates)))
-    if collection.unread:  # its fitnesses would be others
-        pictures = [picture for picture in pictures if picture.name != "pareto"]
+def pictures_of(collection: Collection, installed: Outputs | None = None) -> tuple[Picture, ...]:
+    """List every figure of a run and its studies; the names of a study's figures begin with its own.
+
+    Of installed outputs there are those of ours unless others are given; what is missing of them, who calls must say.
+    """
+    known = outputs(ours=True) if installed is None else installed
+    pictures = [*run_pictures(collection.run, collection.niches), *known.figures(collection)]
     for compared in collection.studies:
         of_study = study_pictures(compared.study, compared.comparisons)
         pictures += [replace(picture, name=f"{compared.name}/{picture.name}") for picture in of_study]
@@ -95,17 +94,11 @@ def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     )
 
 
-def run_pictures(
-    run: RecordedRun, niches: Niches, again: Mapping[str, Sequence[float]] = MappingProxyType({})
-) -> tuple[Picture, ...]:
-    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network.
-
-    `again` are further losses of a source, by its SHA-256, as of `beside_costs`.
-    """
+def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
+    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
     has_prompts = run.has_prompts
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
-    generations = progress(run)
     pictures: list[Picture] = []
 
     def add(name: str, words: str, draw: Callable[[], Figure]) -> None:
@@ -114,7 +107,7 @@ def run_pictures(
     words = "Best and median fitness of the network archive after each generation, and the median of its new candidates"
     add("fitness", words, partial(fitness_evolution, run, archive_medians(run, niches.networks)))
     words = "First answers that were trained, and what became of the others"
-    add("trainable", words, partial(trainable, generations))
+    add("trainable", words, partial(trainable, progress(run)))
     words = (
         "Coverage of both archives, that of prompts among the niches that could be reached; QD-score of the networks"
     )
@@ -139,14 +132,6 @@ def run_pictures(
         add("lineage", words, partial(lineage, find_lineage(run, first)))
         words = "Short training of the baseline and the best networks"
         add("training_curves", words, partial(training_curves, [run.baseline, *run.best()]))
-        candidates = beside_costs(run, again)
-        front = on_front(candidates, ["fitness", "flops"])
-        words = (
-            "Left: loss and FLOPs of every trained candidate; the line is the front of those that no other one beats "
-            "in both. Right: the part of the box between (0, 0) and the reference point that they dominate, by what "
-            "the search knew; the point is the baseline's loss and the most FLOPs of any trained candidate"
-        )
-        add("pareto", words, partial(pareto, candidates, front, run.baseline.id, generations))
     return tuple(pictures)
 
 

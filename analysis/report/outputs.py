@@ -19,6 +19,7 @@ from tacevo.results.run import RecordedRun
 if TYPE_CHECKING:
     from analysis.report.collection import Collection, Compared
     from analysis.report.figure_list import Picture
+    from analysis.report.sweep_collection import SweepCollection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,6 +54,12 @@ class Outputs:
             with _blaming(part):
                 yield from output.study_tables(run, study)
 
+    def sweep_tables(self, sweep: "SweepCollection") -> Iterator[Table]:
+        """Make their tables of a sweep."""
+        for part, output in self.known:
+            with _blaming(part):
+                yield from output.sweep_tables(sweep)
+
     def beside(self, runs: Sequence[RecordedRun]) -> Iterator[Table]:
         """Make their tables that set runs beside what others published."""
         for part, output in self.known:
@@ -64,6 +71,10 @@ class Outputs:
         for part, output in self.known:
             with _blaming(part):
                 yield from output.figures(run)
+
+    def has(self, name: str) -> bool:
+        """Answer whether an output of this name can be used."""
+        return any(part.name == name for part, _ in self.known)
 
     def makes(self, kind: str) -> bool:
         """Answer whether tables of this kind can be made: all but those of an output of ours that is missing."""
@@ -94,5 +105,5 @@ def outputs(*, ours: bool = False) -> Outputs:
             with _blaming(part):
                 known.append((part, part.load()()))
         except ConfigError as error:
-            missing[part.name] = f"no tables of {part.name}: {error}"
+            missing[part.name] = f"no tables or figures of {part.name}: {error}"
     return Outputs(known=tuple(known), missing=missing)

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pandas as pd
 
+from analysis.report.outputs import Outputs, outputs
 from analysis.runs.niches import load_niches
 from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
 from analysis.sweeps.arm_metrics import TESTS, Metric
 from analysis.sweeps.common_archive import common_archive, extents
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables, common_note, extents_note
-from analysis.tables.instruction_tables import instructions_table, mix_table
 from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.results.run import RecordedRun
@@ -115,16 +115,11 @@ def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> FinishedJob:
     )
 
 
-def sweep_tables(collected: SweepCollection) -> tuple[Table, ...]:
-    """Return every table of a sweep."""
+def sweep_tables(collected: SweepCollection, installed: Outputs | None = None) -> tuple[Table, ...]:
+    """Return every table of a sweep.
+
+    Of installed outputs there are those of ours unless others are given; what is missing of them, who calls must say.
+    """
+    known = outputs(ours=True) if installed is None else installed
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
-    tables = ablation_tables(collected.sweep, collected.ablation, archive)
-    arms: dict[str, list[RecordedRun]] = {}
-    for one in collected.sweep.finished:
-        arms.setdefault(one.job.arm, []).append(one.run)
-    jobs, task = collected.ablation.jobs, collected.sweep.task
-    distinct = set(jobs.index[~jobs.search.duplicated()])
-    runs = [one.run for one in collected.sweep.finished if one.job.name in distinct]
-    if len({run.instructions for run in runs}) > 1:  # of other libraries, which have nothing in common
-        return tables
-    return (*tables, instructions_table(runs, f"all arms ({task})"), mix_table(arms, task))
+    return (*ablation_tables(collected.sweep, collected.ablation, archive), *known.sweep_tables(collected))

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from analysis.report.outputs import outputs
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.sweeps.ablation import Ablation
 from analysis.sweeps.arm_metrics import TESTED, TESTS, Metric
@@ -129,13 +130,14 @@ class Sweep:
         return tuple(f"left out: arm {arm}: none of its jobs is finished" for arm in self.arms if arm not in known)
 
     def all_tables(self, reference: str | None = None) -> tuple[tuple[Rows, ...], list[str]]:
-        """Return its tables, compared with an arm or the sweep's own reference; and what is missing of them: nothing.
+        """Return its tables, compared with an arm or the sweep's own reference; and why others are missing.
 
         Raises:
             ConfigError: the reference is not an arm.
             RunError, IncomparableError: as `collection`.
         """
-        return sweep_tables(self.collection(reference)), []
+        known = outputs()
+        return sweep_tables(self.collection(reference), known), list(known.missing.values())
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:

@@ -220,7 +220,7 @@ def _add_kind(parser: argparse.ArgumentParser, source: str, kind: str, compared:
     parser.add_argument(
         "-o", "--output", metavar="DIR", default="build/plan", help="directory to write to (default: build/plan)"
     )
-    parser.set_defaults(command=_later("study", "plan"), kind=kind)
+    parser.set_defaults(command=_later("plan", "plan"), kind=kind)
 
 
 def _part(text: str) -> float:

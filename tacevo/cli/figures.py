@@ -55,7 +55,8 @@ def drawable(one: Run | Sweep) -> tuple[list[Picture], list[str]]:
     if isinstance(one, Sweep):
         return list(sweep_pictures(one.collection())), []
     run = one.recorded
-    pictures, missing = [*pictures_of(one.collection), *outputs().figures(one.collection)], list(undrawn(run))
+    known = outputs()
+    pictures, missing = list(pictures_of(one.collection, known)), [*known.missing.values(), *undrawn(run)]
     try:
         figure = one.figures["samples"]()
     except (ConfigError, DataError) as error:

@@ -1,4 +1,4 @@
-"""The commands `tacevo study`, of a run or of the jobs of a sweep, `tacevo noise`, and `tacevo plan` before both."""
+"""The commands `tacevo study`, of a run or of the jobs of a sweep, and `tacevo noise`."""
 
 import argparse
 import shlex
@@ -11,9 +11,7 @@ from typing import TypeVar
 from rich.console import Console
 
 from analysis.report.collection import outcomes, read_studies
-from analysis.tables.plan import plan_table
-from tacevo.api.planning import planned_from, write_plan
-from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
+from tacevo.cli.common import DIFFERENT, DONE, tell
 from tacevo.cli.tables import print_table, say
 from tacevo.config.compose import compose_elsewhere, compose_noise, compose_study, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
@@ -223,17 +221,3 @@ def _end(studied: Studied, remedy: str) -> int:
         tell(f"no statistics without these: {remedy}")
     tell(f"digest: {studied.digest}")
     return DIFFERENT if studied.failed else DONE
-
-
-def run_plan(options: argparse.Namespace) -> int:
-    """Plan a number of seeds."""
-    directory = output_directory(options.output)
-    wish = {name: getattr(options, name) for name in ("effect", "comparisons", "power", "alpha")}
-    planned = planned_from(options.kind, [Path(name) for name in options.runs], **wish)
-    print_table(plan_table(planned), Console())
-    if planned.plan is None:
-        tell("no plan: wish for a larger effect or a lower power, or compare fewer")
-        return DIFFERENT
-    made = write_plan(planned.plan, directory)
-    tell(f"plan: {directory / 'plan.json'}, {made.dated}")
-    return DONE

@@ -183,6 +183,9 @@ OUTPUTS = Kind(
     setting="",
     decides=False,
     ours={
+        "effects": "analysis.tables.instruction_tables:InstructionEffects",
+        "pareto": "analysis.report.pareto:Pareto",
+        "alarms": "analysis.tables.health:Alarms",
         "motifs": "analysis.tables.motifs:Motifs",
         "images": "analysis.tables.images:ImageTests",
         "transfer": "analysis.tables.transfer:Transfer",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from analysis.report.collection import Collection, Compared
     from analysis.report.figure_list import Picture
+    from analysis.report.sweep_collection import SweepCollection
     from analysis.table import Table
     from tacevo.profile import Profile
     from tacevo.results.run import RecordedRun
@@ -36,6 +37,10 @@ class Output:
 
     def study_tables(self, run: Collection, study: Compared) -> Sequence[Table]:
         """Make tables of one study of a run; the name of the study is put before theirs."""
+        return ()
+
+    def sweep_tables(self, sweep: SweepCollection) -> Sequence[Table]:
+        """Make tables of a sweep, whose arms are compared."""
         return ()
 
     def beside(self, runs: Sequence[RecordedRun]) -> Sequence[Table]:

@@ -115,6 +115,10 @@ NAMING = {
     "init": ["init mine"],
     "crate": ["publish runs/first -o again.zip"],
     "motifs": ["publish runs/first -o again.zip"],
+    "Pareto": ["publish runs/first -o again.zip"],
+    "alarms": ["publish runs/first -o again.zip"],
+    "effects of instructions": ["publish runs/first -o again.zip"],
+    "plans, pilots": ["plan study runs/first --effect 0.1 -o plan"],
 }
 
 
@@ -139,7 +143,7 @@ def test_tables_of_a_missing_part_are_missing_and_said(recorded: Path, tmp_path:
     (_, _, said), (status, printed, _) = run_without(
         HIDDEN["motifs"], ["tables runs/first --output tables", "replay run.zip"], tmp_path / "hidden", tmp_path
     )
-    assert re.search("no tables of motifs: .*analysis.tables.motifs", said)
+    assert re.search("no tables or figures of motifs: .*analysis.tables.motifs", said)
     assert (tmp_path / "tables" / "gate.csv").exists()
     assert not (tmp_path / "tables" / "more" / "motifs.csv").exists()
     assert status == 0

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from analysis.report.outputs import outputs
 from analysis.report.page.of_run import table_contents
 from analysis.report.sweep_collection import SweepCollection, sweep_tables
 from analysis.sweeps.ablation import CURVES, QUARTILES, by_generation
@@ -37,7 +38,7 @@ def sweep_contents(collected: SweepCollection) -> dict[str, Any]:
         for name in collected.ablation.names
         if name in set(collected.ablation.jobs.arm)
     ]
-    return {"arms": arms, "tables": [table_contents(table) for table in sweep_tables(collected)]}
+    return {"arms": arms, "tables": [table_contents(table) for table in sweep_tables(collected, outputs())]}
 
 
 def _band(curves: pd.DataFrame, arm: str, metric: Metric) -> dict[str, list[float | None]]:

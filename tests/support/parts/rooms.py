@@ -38,6 +38,16 @@ ROOMS: Mapping[str, str] = {
     "transfer": "analysis.tables.transfer analysis.studies.transfer",
     "published": "analysis.tables.published",
     "gpus": "tacevo.training.leases",
+    "Pareto": (
+        "analysis.runs.pareto analysis.statistics.pareto analysis.tables.pareto analysis.figures.pareto "
+        "analysis.report.pareto"
+    ),
+    "alarms": "analysis.runs.health analysis.tables.health",
+    "effects of instructions": "analysis.runs.instruction_effects analysis.tables.instruction_tables",
+    "plans, pilots": (
+        "analysis.sweeps.plans analysis.sweeps.pilots analysis.statistics.planning analysis.tables.plan "
+        "tacevo.api.planning tacevo.cli.plan"
+    ),
 }
 
 #: Python imports it first in every process: what is hidden is found nowhere, as if it were not installed.
