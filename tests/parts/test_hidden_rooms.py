@@ -148,3 +148,16 @@ def test_tables_of_a_missing_part_are_missing_and_said(recorded: Path, tmp_path:
     assert not (tmp_path / "tables" / "more" / "motifs.csv").exists()
     assert status == 0
     assert "of a part that is not installed" in printed
+
+
+def test_figures_and_page_are_made_without_an_output(recorded: Path, tmp_path: Path) -> None:
+    """What they have of it is missing, and said; everything else is there."""
+    shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
+    commands = ["figures runs/first --output figures", "report runs/first --output page.html"]
+    figures, page = run_without(HIDDEN["Pareto"], commands, tmp_path / "hidden", tmp_path)
+    assert (figures[0], page[0]) == (0, 0), figures[2] + page[2]
+    assert "no tables or figures of pareto: " in figures[2]
+    drawn = {path.stem for path in (tmp_path / "figures").iterdir()}
+    assert "fitness" in drawn
+    assert "pareto" not in drawn
+    assert "no tables or figures of pareto: " in (tmp_path / "page.html").read_text()
