@@ -42,7 +42,8 @@ TYPES: Mapping[str, type] = {"int": int, "float": float, "bool": bool, "str": st
 #: The method whose answer is sent as numbers, and not as JSON: it may be long.
 CENTROIDS = "archives.centroids"
 
-#: The sizes of the small objects of Python, in bytes, and how many of each are made so that others lie elsewhere.
+#: The sizes of the small objects of Python, in bytes, above those of an object and a float, and how many of each are
+#: made and freed again, so that others lie where they were.
 _SIZES, _OF_EACH = range(48, 513, 16), 500
 
 #: What of them is kept.
@@ -115,8 +116,7 @@ def decide(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object
     for name in ("time", "monotonic", "perf_counter", "process_time"):
         setattr(time, name, _shifted(getattr(time, name), number * _LATER))
         setattr(time, f"{name}_ns", _shifted(getattr(time, f"{name}_ns"), number * _LATER * 10**9))
-    if number:
-        _move_objects()
+    _place_objects(number)
     sys.meta_path[:] = [_Recorded(header["sources"]), BuiltinImporter, FrozenImporter]
     payload = b""
     try:
@@ -130,11 +130,21 @@ def decide(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object
     return None
 
 
-def _move_objects() -> None:
-    """Let small objects that are made from now on lie where they would not, one before the other at random."""
-    made = [bytes(size - sys.getsizeof(b"")) for size in _SIZES for _ in range(_OF_EACH)]
-    random.Random(1).shuffle(made)
+def _place_objects(number: int) -> None:
+    """Let small objects that are made from now on lie at rising addresses, or in the second process at falling ones.
+
+    Python gives the place that was freed last first. Larger ones lie elsewhere in the second process.
+    """
+    made: list[object] = [object() for _ in range(_OF_EACH)]
+    made += [float(each) for each in range(_OF_EACH)]
+    made += [bytes(size - sys.getsizeof(b"")) for size in _SIZES for _ in range(_OF_EACH)]
+    made.sort(key=id, reverse=number == 1)
     _KEPT.extend(made[::2])
+    freed = made[1::2]
+    del made
+    while freed:
+        freed.pop()
+    _KEPT.extend(bytes(number << power) for power in range(10, 20))
 
 
 def _shifted(clock: Callable[[], Any], by: int) -> Callable[[], Any]:

@@ -202,7 +202,8 @@ def test_axis_of_a_user_is_shown(recorded: Path) -> None:
     """Under the name of its descriptor."""
     name, line = next((line["id"], line) for line in _lines(recorded) if line.get("measures"))
     shown = tacevo("show", "run", name, cwd=recorded).stdout
-    assert re.search(rf"^\| Size +\| {line['measures'][0]:.6g} +\|", shown, re.MULTILINE)
+    (value,) = re.findall(r"^\| Size +\| (\S+) +\|", shown, re.MULTILINE)
+    assert float(value) == pytest.approx(line["measures"][0], rel=1e-5)
     assert "measures" not in shown
 
 
