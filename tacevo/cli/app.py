@@ -12,45 +12,10 @@ from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED,
 from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.config.conf_folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
+from tacevo.parts.commands import GROUPS, LINES
 from tacevo.parts.kinds import COMMANDS
 from tacevo.parts.registry import Part, missing, ours, parts
 from tacevo.text import unbroken
-
-#: By group, each command's line in the help. Its module is imported when it is given, so that this help is quick.
-GROUPS = {
-    "search": {
-        "search": "run a search or a sweep, or continue one that was stopped",
-        "extend": "search on from the end of a published run",
-        "study": "train a run's best networks and the baseline fully, with many seeds, and test them",
-        "noise": "train a run's elites again with other seeds, to see how much of each fitness was luck",
-        "tabulate": "train every network of a closed space, for searches that look evaluations up",
-        "plan": "compute how many seeds are needed to detect an effect of a given size, and the cost",
-    },
-    "reproduce": {
-        "replay": "run a recorded search again from its stores and compare",
-        "export": "take a network away: its weights, ONNX, a model card",
-        "publish": "write one file with which anybody can replay a run or a sweep",
-        "cache": "look into the stores of answers, move what a run needs, remove what none does",
-    },
-    "analyse": {
-        "show": "show what a run found, one candidate of it, or how far the jobs of a sweep are",
-        "tables": "write every table of runs and sweeps, those that a paper needs first",
-        "figures": "draw every figure of runs and sweeps, for a paper",
-        "report": "write one page to look into a run or a sweep, or a LaTeX document of several",
-        "ablations": "compare the arms of a sweep: tables and figures",
-    },
-    "tools": {
-        "init": "write a task of your own, copied from another one, to be edited",
-        "data": "look at a data set, or write a simulated one as files",
-        "check": "put raw answers of a model through the gate",
-        "parts": "list what can be plugged in, and check a part of your own",
-        "track": "write the ledgers of runs into MLflow, or what is missing of them there",
-        "doctor": "check whether this machine has what a run needs",
-    },
-}
-
-#: Of all our commands.
-LINES = {name: line for group in GROUPS.values() for name, line in group.items()}
 
 #: What replaced commands of the last release.
 _REPLACED = {
@@ -194,7 +159,8 @@ def _listed(known: Sequence[Part]) -> str:
     width = max(len(part.name) for part in known)
     others = {part.name: _line(part) for part in known if not part.is_ours}
     lines = []
-    for title, group in (GROUPS | ({"parts": others} if others else {})).items():
+    groups = {title: {name: LINES[name] for name in group} for title, group in GROUPS.items()}
+    for title, group in (groups | ({"parts": others} if others else {})).items():
         lines += [f"{title}:", *(f"  {name.ljust(width)}  {line}" for name, line in group.items()), ""]
     return "\n".join(lines).rstrip()
 

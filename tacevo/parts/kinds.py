@@ -6,6 +6,8 @@ One of ours is imported when it is used, so what a run does not use may be missi
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from tacevo.parts.commands import PLACES
+
 #: The most that a part that decides may be, in bytes and in files: it is part of each run and bundle.
 MOST_BYTES, MOST_FILES = 1_000_000, 200
 
@@ -198,29 +200,7 @@ COMMANDS = Kind(
     does="adds a command",
     setting="",
     decides=False,
-    ours={
-        "search": "tacevo.cli.search:add_search",
-        "extend": "tacevo.cli.arguments:add_extend",
-        "study": "tacevo.cli.arguments:add_study",
-        "noise": "tacevo.cli.arguments:add_noise",
-        "tabulate": "tacevo.cli.arguments:add_tabulate",
-        "plan": "tacevo.cli.arguments:add_plan",
-        "replay": "tacevo.cli.arguments:add_replay",
-        "export": "tacevo.cli.arguments:add_export",
-        "publish": "tacevo.cli.arguments:add_publish",
-        "cache": "tacevo.cli.cache:add_cache",
-        "show": "tacevo.cli.arguments:add_show",
-        "tables": "tacevo.cli.arguments:add_tables",
-        "figures": "tacevo.cli.arguments:add_figures",
-        "report": "tacevo.cli.arguments:add_report",
-        "ablations": "tacevo.cli.arguments:add_ablations",
-        "init": "tacevo.cli.init:add_init",
-        "data": "tacevo.cli.data:add_data",
-        "check": "tacevo.cli.inspect:add_check",
-        "parts": "tacevo.cli.parts:add_parts",
-        "track": "tacevo.cli.track:add_track",
-        "doctor": "tacevo.cli.inspect:add_doctor",
-    },
+    ours=PLACES,
 )
 
 #: All kinds, by name, in the order in which a search meets them.

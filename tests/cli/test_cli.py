@@ -20,7 +20,7 @@ from refusals import refused
 from smallest import UNTRACKED
 from waiting import eventually
 
-from tacevo.cli.app import LINES, main
+from tacevo.cli.app import main
 from tacevo.cli.common import output_directory
 from tacevo.cli.search import print_end
 from tacevo.config.compose import compose
@@ -28,6 +28,7 @@ from tacevo.config.plain import from_plain
 from tacevo.config.schema import keys
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
+from tacevo.parts.commands import LINES
 from tacevo.runs.session import Result
 
 COMMAND = [sys.executable, "-m", "tacevo.cli.app"]
