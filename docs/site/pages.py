@@ -24,9 +24,10 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 from annotated_types import Ge, Gt, Le, Lt
 
-from tacevo.cli.app import GROUPS, main
+from tacevo.cli.app import main
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose
+from tacevo.parts.commands import GROUPS
 from tacevo.records import to_json
 
 ROOT = Path(__file__).resolve().parents[2]
