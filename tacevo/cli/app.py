@@ -12,8 +12,7 @@ from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED,
 from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.config.conf_folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
-from tacevo.parts.commands import GROUPS, LINES
-from tacevo.parts.kinds import COMMANDS
+from tacevo.parts.kinds import COMMAND_GROUPS, COMMAND_LINES, COMMANDS
 from tacevo.parts.registry import Part, missing, ours, parts
 from tacevo.text import unbroken
 
@@ -151,7 +150,7 @@ def _parser(command: str | None, second: str | None) -> Parser:
 
 def _line(part: Part) -> str:
     """Return the line of a command in the help; of one that is not ours, which package has it."""
-    return LINES[part.name] if part.is_ours else f"of {part.origin}"
+    return COMMAND_LINES[part.name] if part.is_ours else f"of {part.origin}"
 
 
 def _listed(known: Sequence[Part]) -> str:
@@ -159,7 +158,7 @@ def _listed(known: Sequence[Part]) -> str:
     width = max(len(part.name) for part in known)
     others = {part.name: _line(part) for part in known if not part.is_ours}
     lines = []
-    groups = {title: {name: LINES[name] for name in group} for title, group in GROUPS.items()}
+    groups = {title: {name: COMMAND_LINES[name] for name in group} for title, group in COMMAND_GROUPS.items()}
     for title, group in (groups | ({"parts": others} if others else {})).items():
         lines += [f"{title}:", *(f"  {name.ljust(width)}  {line}" for name, line in group.items()), ""]
     return "\n".join(lines).rstrip()

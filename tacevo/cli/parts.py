@@ -13,8 +13,7 @@ from tacevo.config.chosen import part_of
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, PartError, TacevoError
-from tacevo.parts.commands import LINES
-from tacevo.parts.kinds import KINDS, Kind
+from tacevo.parts.kinds import COMMAND_LINES, KINDS, Kind
 from tacevo.parts.known import first_line_of, lacking
 from tacevo.parts.registry import Part, ambiguous, find, import_file, names, parts, shadowed
 from tacevo.parts.testing import contracts, kind_of
@@ -82,7 +81,7 @@ def _remarked(part: Part) -> str:
 def _says(part: Part) -> str:
     """Return in a line what a part does: a command of ours by its help, all others by their docstrings."""
     if part.kind is KINDS["commands"] and part.is_ours:
-        return LINES[part.name]
+        return COMMAND_LINES[part.name]
     return first_line_of(part)
 
 

@@ -28,7 +28,7 @@ from tacevo.config.plain import from_plain
 from tacevo.config.schema import keys
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
-from tacevo.parts.commands import LINES
+from tacevo.parts.kinds import COMMAND_LINES
 from tacevo.runs.session import Result
 
 COMMAND = [sys.executable, "-m", "tacevo.cli.app"]
@@ -221,7 +221,7 @@ def test_help_is_complete_and_mistakes_are_answered_without_any_library(place: P
     )
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert "slow: []" in out
-    for command in LINES:
+    for command in COMMAND_LINES:
         assert re.search(rf"^  {command}\b", out, re.MULTILINE)
 
 
