@@ -193,8 +193,8 @@ OUTPUTS = Kind(
     },
 )
 
-#: Our commands by group and name: `module:attribute` of what describes its arguments, and what it does. Its module is imported when
-#: the command is given, so that the help is quick.
+#: Our commands by group and name: `module:attribute` of what describes its arguments, and what it does. Its module is
+#: imported when the command is given, so that the help is quick.
 COMMAND_GROUPS: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "search": {
         "search": ("tacevo.cli.search:add_search", "run a search or a sweep, or continue one that was stopped"),
