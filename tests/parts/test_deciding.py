@@ -299,11 +299,15 @@ def _more(members: dict[str, bytes]) -> None:
     members["run/parts/Greedy/other.py"] = b"x = 1\n"
 
 
+def _compiled(members: dict[str, bytes]) -> None:
+    members["run/parts/Greedy/__pycache__/other.py"] = b"x = 1\n"
+
+
 def _another(members: dict[str, bytes]) -> None:
     members["run/parts/Other/other.py"] = b"x = 1\n"
 
 
-@pytest.mark.parametrize("edit", [_edited, _exchanged, _dropped, _more, _another])
+@pytest.mark.parametrize("edit", [_edited, _exchanged, _dropped, _more, _compiled, _another])
 def test_bundle_whose_part_is_not_the_recorded_one_is_refused(
     recorded: Path, tmp_path: Path, edit: Callable[[dict[str, bytes]], None]
 ) -> None:
