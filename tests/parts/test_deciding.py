@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bundles import entries_of, members_of, resealed, with_entries
+from bundles import entries_of, honest, members_of, resealed, with_entries, zipped
 from checkout import ROOT
 from commands import tacevo
 from refusals import refused
@@ -299,15 +299,11 @@ def _more(members: dict[str, bytes]) -> None:
     members["run/parts/Greedy/other.py"] = b"x = 1\n"
 
 
-def _compiled(members: dict[str, bytes]) -> None:
-    members["run/parts/Greedy/__pycache__/other.py"] = b"x = 1\n"
-
-
 def _another(members: dict[str, bytes]) -> None:
     members["run/parts/Other/other.py"] = b"x = 1\n"
 
 
-@pytest.mark.parametrize("edit", [_edited, _exchanged, _dropped, _more, _compiled, _another])
+@pytest.mark.parametrize("edit", [_edited, _exchanged, _dropped, _more, _another])
 def test_bundle_whose_part_is_not_the_recorded_one_is_refused(
     recorded: Path, tmp_path: Path, edit: Callable[[dict[str, bytes]], None]
 ) -> None:
@@ -317,6 +313,13 @@ def test_bundle_whose_part_is_not_the_recorded_one_is_refused(
     (tmp_path / "run.zip").write_bytes(sealed(members)[0])
     done = tacevo("replay", "run.zip", cwd=tmp_path, status=1)
     assert "refused: " in done.stderr
+
+
+def test_bundle_holds_nothing_that_a_run_passes_over(recorded: Path, tmp_path: Path) -> None:
+    """A directory of bytecode below a part is no member."""
+    members = {**_members(recorded / "run.zip"), "run/parts/Greedy/__pycache__/other.py": b"x = 1\n"}
+    zipped(honest(members), tmp_path / "run.zip")
+    assert "__pycache__" in tacevo("replay", "run.zip", cwd=tmp_path, status=1).stderr
 
 
 @pytest.mark.few(6)
