@@ -21,7 +21,7 @@ def pareto(candidates: pd.DataFrame, front: pd.DataFrame, baseline: str, generat
         candidates: every trained one (`analysis.runs.pareto.PARETO`).
         front: those that no other one beats.
         baseline: id of the baseline.
-        generations: as of `analysis.runs.dynamics.progress`.
+        generations: as of `analysis.runs.pareto.with_hypervolumes`.
     """
     figure, (left, right) = new_figure("double", 2.4, columns=2)
     left.plot(candidates.flops, candidates.fitness, "o", color=GREY, markersize=2, label="trained")

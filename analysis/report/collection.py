@@ -13,7 +13,7 @@ from analysis.runs.niches import Niches, load_niches
 from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import compare
 from analysis.studies.other_data import is_alone
-from analysis.studies.reestimates import Reestimates, load_reestimates, losses_by_source
+from analysis.studies.reestimates import Reestimates, load_reestimates
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
@@ -26,10 +26,8 @@ from analysis.tables.dynamics import (
     prompts_table,
     temperatures_table,
 )
-from analysis.tables.health import health_table, niches_table
-from analysis.tables.instruction_tables import instructions_table
+from analysis.tables.niches import niches_table
 from analysis.tables.outcome import study_outcome
-from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
@@ -38,6 +36,12 @@ from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study import RecordedStudy, as_study
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory, studies_of
 from tacevo.text import listed
+
+#: The tables of a run by name, in the order in which an index lists them; of other names, they follow in their own.
+_ORDER = (
+    *("improvement", "generations", "gate", "prompts", "instruction_effects", "pareto", "temperatures", "costs"),
+    *("health", "niches", "lineage"),
+)
 
 #: What would have other numbers without re-estimates that were made.
 _OF_REESTIMATES = ("table of improvement", "table of pareto", "figure of pareto")
@@ -306,20 +310,13 @@ def tables_of(
     """
     known = outputs(ours=True) if installed is None else installed
     run = collection.run
-    is_read = not collection.unread
-    tables = [improvement_table(run, collection.reestimates)] if is_read else []
-    tables += [
-        generations_table(run, collection.niches.networks),
-        gate_table(run),
-        prompts_table(run),
-        instructions_table([run], run.name),
-    ]
-    tables += [pareto_table(run, losses_by_source(collection.reestimates))] if is_read else []
-    tables += [temperatures_table(run), costs_table(run)]
-    tables += [health_table(run, collection.niches.networks), niches_table(run, collection.niches)]
+    tables = [] if collection.unread else [improvement_table(run, collection.reestimates)]
+    tables += [generations_table(run, collection.niches.networks), gate_table(run), prompts_table(run)]
+    tables += [temperatures_table(run), costs_table(run), niches_table(run, collection.niches)]
     if run.elites:
         tables.append(lineage_table(run, run.ranked()[0].id))
     tables += known.tables(collection, profiles, say)
+    tables.sort(key=lambda table: _ORDER.index(table.name) if table.name in _ORDER else len(_ORDER))
     everywhere = [compared.study for compared in (*collection.studies, *collection.passed_over)]
     for compared in collection.studies:
         of_study = [

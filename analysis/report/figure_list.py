@@ -1,11 +1,10 @@
 """Which pictures a run, its studies and a sweep give, with the words below them; how they become files."""
 
 import contextlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -14,21 +13,18 @@ from analysis.figures.ablations import curves, final_values
 from analysis.figures.by_generation import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.pareto import pareto
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
 from analysis.report.collection import Collection
-from analysis.report.outputs import Say, left_out
+from analysis.report.outputs import Say, left_out, outputs, unsaid
 from analysis.report.sweep_collection import SweepCollection
 from analysis.rounding import p_in_words
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches
-from analysis.runs.pareto import beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
-from analysis.studies.reestimates import losses_by_source
 from analysis.tables.ablation import common_note, temperature_notes
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.parts.registry import Part
@@ -95,6 +91,8 @@ def with_others(own: Iterable[Picture], brought: Iterable[tuple[Part, Picture]],
     pictures = list(own)
     taken = {picture.name for picture in pictures} | {"samples"}
     for part, picture in brought:
+        if part.is_ours:
+            continue  # it stands among ours
         if picture.name in taken:
             say(f"no figure {picture.name!r} of {part.name}: expected a name which none of ours has")
         else:
@@ -103,10 +101,9 @@ def with_others(own: Iterable[Picture], brought: Iterable[tuple[Part, Picture]],
 
 
 def pictures_of(collection: Collection) -> tuple[Picture, ...]:
-    """List every figure of a run and its studies; the names of a study's figures begin with its own."""
-    pictures = list(run_pictures(collection.run, collection.niches, losses_by_source(collection.reestimates)))
-    if collection.unread:  # its fitnesses would be others
-        pictures = [picture for picture in pictures if picture.name != "pareto"]
+    """List every figure of ours of a run and its studies; the names of a study's figures begin with its own."""
+    of_outputs = (picture for _, picture in outputs(ours=True).figures(collection, unsaid))
+    pictures = [*run_pictures(collection.run, collection.niches), *of_outputs]
     for compared in collection.studies:
         of_study = study_pictures(compared.study, compared.comparisons)
         pictures += [replace(picture, name=f"{compared.name}/{picture.name}") for picture in of_study]
@@ -132,17 +129,11 @@ def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     )
 
 
-def run_pictures(
-    run: RecordedRun, niches: Niches, again: Mapping[str, Sequence[float]] = MappingProxyType({})
-) -> tuple[Picture, ...]:
-    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network.
-
-    `again` are further losses of a source, by its SHA-256, as of `beside_costs`.
-    """
+def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
+    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
     has_prompts = run.has_prompts
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
-    generations = progress(run)
     pictures: list[Picture] = []
 
     def add(name: str, words: str, draw: Callable[[], Figure]) -> None:
@@ -151,7 +142,7 @@ def run_pictures(
     words = "Best and median fitness of the network archive after each generation, and the median of its new candidates"
     add("fitness", words, partial(fitness_evolution, run, archive_medians(run, niches.networks)))
     words = "First answers that were trained, and what became of the others"
-    add("trainable", words, partial(trainable, generations))
+    add("trainable", words, partial(trainable, progress(run)))
     words = (
         "Coverage of both archives, that of prompts among the niches that could be reached; QD-score of the networks"
     )
@@ -176,14 +167,6 @@ def run_pictures(
         add("lineage", words, partial(lineage, find_lineage(run, first)))
         words = "Short training of the baseline and the best networks"
         add("training_curves", words, partial(training_curves, [run.baseline, *run.best()]))
-        candidates = beside_costs(run, again)
-        front = on_front(candidates, ["fitness", "flops"])
-        words = (
-            "Left: loss and FLOPs of every trained candidate; the line is the front of those that no other one beats "
-            "in both. Right: the part of the box between (0, 0) and the reference point that they dominate, by what "
-            "the search knew; the point is the baseline's loss and the most FLOPs of any trained candidate"
-        )
-        add("pareto", words, partial(pareto, candidates, front, run.baseline.id, generations))
     return tuple(pictures)
 
 

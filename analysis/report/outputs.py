@@ -100,6 +100,10 @@ class Outputs:
         """Make their sections of the page of a sweep, each with its part."""
         return self._sections(lambda output: output.sweep_section(sweep), say)
 
+    def has(self, name: str) -> bool:
+        """Answer whether an output of this name can be used."""
+        return any(part.name == name for part, _ in self.known)
+
     def makes(self, kind: str) -> bool:
         """Answer whether tables of this kind can be made: all but those of an output of ours that is missing."""
         return not any(kind in OUTPUT_TABLES.get(name, ()) for name in self.missing)
@@ -191,10 +195,10 @@ def outputs(*, ours: bool = False) -> Outputs:
     for part in our_parts(OUTPUTS) if ours else parts(OUTPUTS):
         said: list[str] = []
         try:
-            with left_out(part, "tables", said.append):
+            with left_out(part, "tables or figures", said.append):
                 known.append((part, _instance(part)))
         except ConfigError as error:
-            said.append(f"no tables of {part.name}: {error}")
+            said.append(f"no tables or figures of {part.name}: {error}")
         if said:
             lacking[part.name] = said[0]
     return Outputs(known=tuple(known), missing=lacking)

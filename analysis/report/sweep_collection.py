@@ -13,7 +13,6 @@ from analysis.sweeps.arm_metrics import TESTS, Metric
 from analysis.sweeps.common_archive import common_archive, extents
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables, common_note, extents_note
-from analysis.tables.instruction_tables import instructions_table, mix_table
 from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.results.run import RecordedRun
@@ -119,18 +118,5 @@ def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> FinishedJob:
 def sweep_tables(collected: SweepCollection, installed: Outputs | None = None, say: Say = unsaid) -> tuple[Table, ...]:
     """Return every table of a sweep, those of outputs last: of ours, unless others are given; `say` as of a run's."""
     known = outputs(ours=True) if installed is None else installed
-    return (*_own_tables(collected), *known.sweep_tables(collected, say))
-
-
-def _own_tables(collected: SweepCollection) -> tuple[Table, ...]:
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
-    tables = ablation_tables(collected.sweep, collected.ablation, archive)
-    arms: dict[str, list[RecordedRun]] = {}
-    for one in collected.sweep.finished:
-        arms.setdefault(one.job.arm, []).append(one.run)
-    jobs, task = collected.ablation.jobs, collected.sweep.task
-    distinct = set(jobs.index[~jobs.search.duplicated()])
-    runs = [one.run for one in collected.sweep.finished if one.job.name in distinct]
-    if len({run.instructions for run in runs}) > 1:  # of other libraries, which have nothing in common
-        return tables
-    return (*tables, instructions_table(runs, f"all arms ({task})"), mix_table(arms, task))
+    return (*ablation_tables(collected.sweep, collected.ablation, archive), *known.sweep_tables(collected, say))

@@ -12,7 +12,6 @@ from typing import Any
 import pandas as pd
 from scipy.stats import binomtest
 
-from analysis.runs.pareto import hypervolumes
 from analysis.statistics.effects import LEVEL
 from tacevo.costs import Spending, total
 from tacevo.evolution.archive import AddStatus
@@ -45,14 +44,13 @@ _LINE = (
 #: answers that were rejected, by stage; niches, or places, that are occupied after it; how many more these are than
 #: before (below 0 where moved bounds made niches fall together); candidates that found their niche empty, and that beat
 #: its elite; niches that emptied as bounds moved, less those that filled so; slots whose evaluation an earlier slot had
-#: asked for, and whose network is a parent's (`copies`); what its answers cost, missing unless that is known of every
-#: answer; and the hypervolume in loss and FLOPs so far (`analysis.runs.pareto`).
+#: asked for, and whose network is a parent's (`copies`); what its answers cost, missing unless known of each.
 GENERATIONS = (
     _LINE
     | {f"rejected_{stage}": "int64" for stage in Stage}
     | dict.fromkeys(("elites", "growth", "new", "improved", "lost", "repeated", "unchanged"), "int64")
     | dict.fromkeys(("answers", "tokens", "input_tokens", "output_tokens"), "Int64")
-    | {"usd": "float64", "hypervolume": "float64"}
+    | {"usd": "float64"}
 )
 
 #: The columns of a frame of mutations that have their instruction or temperature in common, and the type of each: slots
@@ -81,8 +79,7 @@ def progress(run: RecordedRun) -> pd.DataFrame:
         row |= {"unchanged": sum(slot.id in unchanged for slot in slots)}
         rows.append(row | _costs(spending(run, slots)))
     index = pd.Index([line.generation for line in run.generations], name="generation")
-    frame = pd.DataFrame(rows, index=index, columns=list(GENERATIONS))
-    return frame.assign(hypervolume=hypervolumes(run)).astype(GENERATIONS)
+    return pd.DataFrame(rows, index=index, columns=list(GENERATIONS)).astype(GENERATIONS)
 
 
 def _costs(spent: Spending | None) -> dict[str, int | float | None]:

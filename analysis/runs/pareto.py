@@ -48,6 +48,11 @@ def hypervolumes(run: RecordedRun) -> list[float | None]:
     ]
 
 
+def with_hypervolumes(run: RecordedRun, generations: pd.DataFrame) -> pd.DataFrame:
+    """Add the column `hypervolume` (float64) to a frame with a row for each generation of a run."""
+    return generations.assign(hypervolume=hypervolumes(run)).astype({"hypervolume": "float64"})
+
+
 def beside_costs(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """Return a row for each trained candidate (`PARETO`), in the order of the ledger.
 

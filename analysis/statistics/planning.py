@@ -1,4 +1,4 @@
-"""How many seeds find a wished effect, by the tests that the finished study or sweep will use; what few can see.
+"""How many seeds find a wished effect, by the tests that the finished study or sweep will use.
 
 One value of a sample is drawn from a normal distribution, of logarithms for an error: its spread is a pilot's. One
 sample of the family differs from the reference by the effect, the others do not; that leaves it Holm's strictest
@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,9 +28,6 @@ MOST = 200
 
 #: With this confidence the true spread is below the upper limit (Browne 1995, Statistics in Medicine 14: 1933-1940).
 CONFIDENCE = 0.8
-
-#: Of the smallest effect that a test detects.
-POWER = 0.8
 
 #: Draws from which the deviation of a median is estimated.
 _MEDIANS = 20_000
@@ -116,30 +112,6 @@ def needed(*, shift: float, comparisons: int, alpha: float, power: float) -> tup
         else:
             high, reached = middle, between
     return high, reached
-
-
-def detectable(n: int, m: int, *, alpha: float) -> tuple[float, float] | None:
-    """Return the smallest effect that a two-sided Mann-Whitney test of n and m values finds with a power of 80 %.
-
-    Noether (1987) approximates the deviation of U by the one it has without any effect. Of a shifted normal
-    distribution a large effect makes U vary less, so the true power is somewhat higher than stated; under unequal
-    spreads U may vary more, and the power be lower.
-
-    Args:
-        n: values of the first sample, at least 2.
-        m: values of the second, at least 2.
-        alpha: level of the test, in (0, 1); divided by the number of variants for Holm's first step, the strictest.
-
-    Returns:
-        The A12, in (0.5, 1), whose mirror image is found as often; and the shift of a normal distribution that makes
-        it, in standard deviations. None where the formula gives no effect: it needs an A12 of 1 or more for so
-        few seeds. Effects near full separation may be detected all the same, unless no outcome of so few is significant
-        (`analysis.statistics.tests.smallest_p`).
-    """
-    quantile = NormalDist().inv_cdf
-    # N = (sum of both quantiles)² / (12 c (1 - c) (A12 - 1/2)²), with N of both samples and c the part of the first.
-    effect = 0.5 + (quantile(1 - alpha / 2) + quantile(POWER)) / math.sqrt(12 * n * m / (n + m))
-    return None if effect >= 1 else (rounded(effect), rounded(math.sqrt(2) * quantile(effect)))
 
 
 def _u(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.int64]:

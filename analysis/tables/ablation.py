@@ -13,8 +13,8 @@ from analysis.sweeps.ablation import FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
-from analysis.tables.instruction_tables import grammar_note
-from analysis.tables.plan import plan_notes
+from analysis.tables.followed_plan import plan_notes
+from analysis.tables.grammar_note import grammar_note
 from tacevo.choices import ChosenBy
 from tacevo.config.identity import twins_of
 from tacevo.evolution.chance import is_at_chance

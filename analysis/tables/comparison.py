@@ -15,7 +15,7 @@ from analysis.studies.comparison import Verdict, deciding_p, late, of_whole
 from analysis.studies.metric_names import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
-from analysis.tables.plan import plan_notes
+from analysis.tables.followed_plan import plan_notes
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
 from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy

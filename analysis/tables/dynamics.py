@@ -21,7 +21,7 @@ from analysis.runs.lineage import lineage
 from analysis.statistics.effects import LEVEL
 from analysis.studies.reestimates import Reestimates, by_seeds
 from analysis.table import Between, Cell, Layout, Percent, Table, percent
-from analysis.tables.instruction_tables import grammar_note
+from analysis.tables.grammar_note import grammar_note
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported, skipped_note
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun

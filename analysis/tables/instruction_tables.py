@@ -1,24 +1,41 @@
 """Tables of what instructions and temperatures did to a child's loss, and of which instructions were asked for."""
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from analysis.runs.instruction_effects import instruction_effects, late_shares
 from analysis.statistics.effects import LEVEL
 from analysis.table import Between, Percent, PValue, Table
+from analysis.tables.grammar_note import grammar_note
+from tacevo.parts.output import Output
+from tacevo.profile import Profile
 from tacevo.results.run import RecordedRun
 
-#: Said wherever temperatures of a grammar are compared.
-GRAMMAR_TEMPERATURE = (
-    "The grammar's temperature is a mutation strength, the number of random edits beside the instruction, and not the "
-    "sampling temperature of a model."
-)
+if TYPE_CHECKING:
+    from analysis.report.collection import Collection
+    from analysis.report.sweep_collection import SweepCollection
 
 
-def grammar_note(runs: Sequence[RecordedRun]) -> tuple[str, ...]:
-    """Say what a temperature is where the grammar answered."""
-    return (GRAMMAR_TEMPERATURE,) if any(not run.config.llm.facts.is_model for run in runs) else ()
+class InstructionEffects(Output):
+    """Adds what each instruction did to the loss of a child, of a run and of all arms of a sweep."""
+
+    def tables(self, run: "Collection", profiles: Mapping[str, Profile] | None) -> Sequence[Table]:
+        """Make the table of a run."""
+        return (instructions_table([run.run], run.run.name),)
+
+    def sweep_tables(self, sweep: "SweepCollection") -> Sequence[Table]:
+        """Make those of a sweep; none of searches of different libraries, which have nothing in common."""
+        arms: dict[str, list[RecordedRun]] = {}
+        for one in sweep.sweep.finished:
+            arms.setdefault(one.job.arm, []).append(one.run)
+        jobs, task = sweep.ablation.jobs, sweep.sweep.task
+        distinct = set(jobs.index[~jobs.search.duplicated()])
+        runs = [one.run for one in sweep.sweep.finished if one.job.name in distinct]
+        if len({run.instructions for run in runs}) > 1:
+            return ()
+        return instructions_table(runs, f"all arms ({task})"), mix_table(arms, task)
 
 
 def instructions_table(runs: Sequence[RecordedRun], of: str) -> Table:

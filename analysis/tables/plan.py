@@ -1,20 +1,13 @@
-"""The table of a plan, with the ways that it weighed; and what tables say of the plan that was followed."""
+"""The table of a plan, with the ways that it weighed."""
 
 from analysis.rounding import shown
 from analysis.statistics.planning import CONFIDENCE, MOST, TRIALS
 from analysis.sweeps.pilots import Pilot
 from analysis.sweeps.plans import Planned
 from analysis.table import Percent, Table
-from tacevo.storage.plan_file import Measure, SeedPlan
+from analysis.tables.followed_plan import VALUES, effect_in_words
+from tacevo.storage.plan_file import Measure
 from tacevo.text import counted
-
-#: What a value is, by the metric.
-_VALUES = {
-    Measure.mse: "test MSE",
-    Measure.accuracy: "test accuracy",
-    Measure.loss: "test loss",
-    Measure.fitness: "best fitness",
-}
 
 _BY_FITNESS = (
     "The values are the best fitnesses of searches, since not every job of the pilot has a test score "
@@ -25,7 +18,7 @@ _BY_FITNESS = (
 def plan_table(planned: Planned) -> Table:
     """Show what each way needs and costs."""
     pilot, wish = planned.pilot, planned.wish
-    value, scale = _VALUES[pilot.metric], "" if pilot.metric is Measure.accuracy else "the logarithm of a "
+    value, scale = VALUES[pilot.metric], "" if pilot.metric is Measure.accuracy else "the logarithm of a "
     ways = planned.ways.assign(
         needed=planned.ways.seeds.astype("object").fillna(f"more than {MOST}"),
         plan=["chosen" if row == planned.chosen else None for row in planned.ways.index],
@@ -42,8 +35,8 @@ def plan_table(planned: Planned) -> Table:
             **{"full trainings": "trainings", "epochs": "epochs", "hours": "hours", "plan": "plan"},
         },
         name=f"plan_{pilot.kind}_{pilot.task}",
-        caption=f"Seeds that find {_effect(pilot.metric, wish.effect)} with a chance of {shown(Percent(wish.power))} "
-        f"({pilot.task}, {pilot.kind}).",
+        caption=f"Seeds that find {effect_in_words(pilot.metric, wish.effect)} with a chance of "
+        f"{shown(Percent(wish.power))} ({pilot.task}, {pilot.kind}).",
         notes=(
             f"Seeds: a number, found by halving, that finds the effect so often in {TRIALS:,} simulated cases, by "
             f"two-sided Mann-Whitney tests and Holm's correction over {wish.comparisons}, at alpha {wish.alpha:g}; of "
@@ -74,20 +67,3 @@ def _between_note(pilot: Pilot) -> tuple[str, ...]:
         )
     low, high = pilot.spread.interval
     return (f"{between} By the pilot alone, its spread may be {shown(low)} to {shown(high)} (95 % interval).",)
-
-
-def plan_notes(plan: SeedPlan | None) -> tuple[str, ...]:
-    """Say what a study or a sweep was planned to find; nothing without a plan."""
-    if plan is None:
-        return ()
-    each = "seeds of each network" if plan.kind == "study" else "jobs of each arm"
-    return (
-        f"Planned: {plan.seeds} {each} and {counted(plan.comparisons, 'comparison')}, to find "
-        f"{_effect(plan.metric, plan.effect)} with a chance of {shown(Percent(plan.power))}; {plan.dated}.",
-    )
-
-
-def _effect(metric: Measure, effect: float) -> str:
-    if metric is Measure.accuracy:
-        return f"{shown(100 * effect)} percentage points of {_VALUES[metric]}"
-    return f"{shown(Percent(effect))} less {_VALUES[metric]}"

@@ -27,9 +27,9 @@ import matplotlib.pyplot as plt
 from annotated_types import Ge, Gt, Le, Lt
 
 from tacevo.cli.app import main
-from tacevo.cli.commands import GROUPS
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose
+from tacevo.parts.kinds import COMMAND_GROUPS
 from tacevo.records import to_json
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -158,7 +158,7 @@ def run_cell(text: str, space: dict[str, object]) -> tuple[str, object]:
 def commands() -> str:
     """Return the help of every command, by group."""
     parts = ["# Commands"]
-    for title, group in GROUPS.items():
+    for title, group in COMMAND_GROUPS.items():
         parts.append(f"## {title.capitalize()}")
         for name in group:
             parts.append(f"### tacevo {name}\n\n```text\n{help_of(name).rstrip()}\n```")

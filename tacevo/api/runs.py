@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
 from analysis.report.outputs import outputs
 from analysis.runs import dynamics
-from analysis.runs.pareto import beside_costs, on_front
 from analysis.studies.reestimates import losses_by_source
 from analysis.table import Table as Rows
 from tacevo.api import frames, trusted_network
@@ -92,7 +91,12 @@ class Run:
     @property
     def generations(self) -> pd.DataFrame:
         """A row a generation, from 0 (the baseline and the initial networks); columns: docs/python.md."""
-        return dynamics.progress(self.recorded)
+        generations = dynamics.progress(self.recorded)
+        if not outputs(ours=True).has("pareto"):
+            return generations
+        from analysis.runs.pareto import with_hypervolumes  # a part, which may not be installed
+
+        return with_hypervolumes(self.recorded, generations)
 
     @property
     def elites(self) -> pd.DataFrame:
@@ -121,6 +125,8 @@ class Run:
             RunError: `fitness` is among the objectives, a study or a noise run trained candidates again, and the stores
                 do not have these trainings.
         """
+        from analysis.runs.pareto import beside_costs, on_front  # a part, which may not be installed
+
         if any(isinstance(one, str) and one == "fitness" for one in objectives):
             check_read(self.collection.unread.values())
         known = beside_costs(self.recorded, losses_by_source(self.collection.reestimates))

@@ -20,7 +20,6 @@ from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, located
 from tacevo.choices import Primary
 from tacevo.errors import ConfigError
-from tacevo.parts.kinds import OUTPUTS
 from tacevo.results.sweep import Standing, state_of
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import listed, nearest
@@ -138,7 +137,7 @@ class Sweep:
             RunError, IncomparableError: as `collection`.
         """
         known = outputs()
-        missing = [known.missing[name] for name in known.missing if name not in OUTPUTS.ours]  # ours add none
+        missing = list(known.missing.values())
         return sweep_tables(self.collection(reference), known, missing.append), missing
 
     @cached_property

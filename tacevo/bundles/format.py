@@ -48,8 +48,8 @@ _ALWAYS = {MANIFEST, STORE, *PAPERS}
 
 _WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 
-#: Of a part, of its packages and modules.
-_NAME = r"[A-Za-z_][A-Za-z0-9_-]*"
+#: Of a part, of its packages and modules; what a run passes over (`RunDirectory.read_part`) is in no bundle.
+_NAME = r"(?!__pycache__/)[A-Za-z_][A-Za-z0-9_-]*"
 
 _CANDIDATE = r"g[0-9]+s[0-9]+\.(py|rejected\.txt)"
 

@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from tacevo import __version__
-from tacevo.cli.commands import GROUPS, OURS, WITHOUT_ANALYSIS
+from tacevo.cli.commands import OURS, WITHOUT_ANALYSIS
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser, tell
 from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.config.conf_folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
-from tacevo.parts.kinds import COMMANDS
+from tacevo.parts.kinds import COMMAND_GROUPS, COMMANDS
 from tacevo.parts.registry import Part, missing, ours, parts
 from tacevo.text import unbroken
 
@@ -156,7 +156,7 @@ def _listed(known: Sequence[Part]) -> str:
     width = max(len(part.name) for part in known)
     others = {part.name: _line(part) for part in known if not part.is_ours}
     lines = []
-    groups = {title: {name: each.line for name, each in group.items()} for title, group in GROUPS.items()}
+    groups = {title: {name: OURS[name].line for name in group} for title, group in COMMAND_GROUPS.items()}
     for title, group in (groups | ({"parts": others} if others else {})).items():
         lines += [f"{title}:", *(f"  {name.ljust(width)}  {line}" for name, line in group.items()), ""]
     return "\n".join(lines).rstrip()

@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 from tacevo.choices import Primary
 from tacevo.cli.common import FORMATS, Format, check_names, place_of_results, places_of, tell, whole_number
 from tacevo.cli.signature import AT_LEAST_ONE, REPEATED, Command, Takes, UsageError, command
+from tacevo.parts.kinds import COMMAND_GROUPS
 from tacevo.storage.places import check_place
 
 
@@ -268,7 +269,7 @@ def plan_study(
         output: directory to write to (default: build/plan)
     """
     _reading(*runs)
-    from tacevo.cli.study import run_plan
+    from tacevo.cli.plan import run_plan
 
     return run_plan("study", runs, output, effect=effect, comparisons=comparisons, power=power, alpha=alpha)
 
@@ -293,7 +294,7 @@ def plan_sweep(
         output: directory to write to (default: build/plan)
     """
     _reading(*runs)
-    from tacevo.cli.study import run_plan
+    from tacevo.cli.plan import run_plan
 
     return run_plan("sweep", runs, output, effect=effect, comparisons=comparisons, power=power, alpha=alpha)
 
@@ -789,44 +790,21 @@ def doctor(*, report: File | None = None) -> int:
     return run_doctor(report)
 
 
-_CACHE = "Look into the stores of answers, move what a run needs, remove what none does."
+plan = Command(doc=_PLAN, below={"study": plan_study, "sweep": plan_sweep})
 
-#: By group, the commands as the help lists them.
-GROUPS: Mapping[str, Mapping[str, Command]] = {
-    "search": {
-        "search": search,
-        "extend": extend,
-        "study": study,
-        "noise": noise,
-        "tabulate": tabulate,
-        "plan": Command(doc=_PLAN, below={"study": plan_study, "sweep": plan_sweep}),
-    },
-    "reproduce": {
-        "replay": replay,
-        "export": export,
-        "publish": publish,
-        "cache": Command(
-            doc=_CACHE,
-            below={"verify": cache_verify, "export": cache_export, "import": cache_import, "prune": cache_prune},
-        ),
-    },
-    "analyse": {"show": show, "tables": tables, "figures": figures, "report": report, "ablations": ablations},
-    "tools": {
-        "init": init,
-        "data": Command(
-            doc=_DATA,
-            below={"check": data_check, "show": data_show, "simulate": data_simulate},
-            interrupted="nothing half-made is left",
-        ),
-        "check": check,
-        "parts": parts,
-        "track": track,
-        "doctor": doctor,
-    },
-}
+cache = Command(
+    doc="Look into the stores of answers, move what a run needs, remove what none does.",
+    below={"verify": cache_verify, "export": cache_export, "import": cache_import, "prune": cache_prune},
+)
+
+data = Command(
+    doc=_DATA,
+    below={"check": data_check, "show": data_show, "simulate": data_simulate},
+    interrupted="nothing half-made is left",
+)
 
 #: All commands, by name.
-OURS: Mapping[str, Command] = {name: each for group in GROUPS.values() for name, each in group.items()}
+OURS: Mapping[str, Command] = {name: globals()[name] for group in COMMAND_GROUPS.values() for name in group}
 
 #: Those that do not need our package `analysis`.
 WITHOUT_ANALYSIS = frozenset({"search", "track", "init", "data", "cache", "parts"})

@@ -57,5 +57,5 @@ def _chapter(one: Run | Sweep, directory: Path) -> str:
     pictures, undrawn = drawable(one)
     with progress_of(f"figures of {one.name}", len(pictures)) as on_drawn:
         chapter = write_chapter(one.name, tables, pictures, directory, on_drawn=on_drawn, say=missing.append)
-    say([*missing, *undrawn])
+    say(dict.fromkeys([*missing, *undrawn]))
     return chapter

@@ -53,8 +53,9 @@ def drawable(one: Run | Sweep) -> tuple[list[Picture], list[str]]:
     """List the figures of a run, sample images first, or of a sweep; and the reasons why others are missing."""
     if isinstance(one, Sweep):
         return _of_sweep(one.collection())
-    run, missing = one.recorded, list(undrawn(one.recorded))
-    brought = outputs().figures(one.collection, missing.append)
+    run, known = one.recorded, outputs()
+    missing = [*known.missing.values(), *undrawn(run)]
+    brought = known.figures(one.collection, missing.append)
     pictures = with_others(pictures_of(one.collection), brought, missing.append)
     try:
         figure = one.figures["samples"]()

@@ -3,6 +3,7 @@
 import inspect
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from tacevo.parts.kinds import KINDS, OUTPUTS, Kind
 from tacevo.parts.known import first_line_of, lacking
 from tacevo.parts.registry import Part, ambiguous, find, import_file, names, parts, shadowed
 from tacevo.parts.testing import contracts, kind_of
-from tacevo.text import listed, nearest
+from tacevo.text import assignments, listed, nearest
 
 #: A file, all of whose parts are checked, or one of them.
 _FILE = re.compile(r"(?P<file>.+\.py)(:(?P<name>\w+))?")
@@ -109,7 +110,11 @@ def _in_file(file: Path, name: str | None) -> list[tuple[Kind, str]]:
         any_kind = Part(
             kind=KINDS["commands"], name=name, module=file.stem, attribute=name, origin=str(file), file=file
         )
-        kind = kind_of(any_kind.load())
+        try:
+            kind = kind_of(any_kind.load())
+        except ConfigError as error:
+            error.place = f"{file}:{name}"
+            raise
         if kind is None:
             raise ConfigError(name, place=str(file), expected="a class of one of the kinds of parts")
         return [(kind, f"{file}:{name}")]
@@ -134,6 +139,7 @@ def _tested(kind: Kind, name: str, overrides: Sequence[str]) -> Iterator[tuple[s
             raise
         yield promise, str(error)
         return
+    tell(f"  made with {listed(_shown(part), 'no settings')}", flush=True)
     yield promise, ""
     for contract in contracts(part, run=_run_of(kind, overrides)):
         yield str(contract), contract.fault()
@@ -151,6 +157,13 @@ def _run_of(kind: Kind, overrides: Sequence[str]) -> str | None:
         if not override.startswith("run="):
             raise ConfigError(override, place="tacevo parts check", expected="run=RUN, which an output is tried with")
     return overrides[-1].removeprefix("run=") if overrides else None
+
+
+def _shown(part: Any) -> list[str]:
+    """Write the settings that a part was made with."""
+    known = fields(part) if is_dataclass(part) else ()
+    values = [(each.name, getattr(part, each.name)) for each in known if each.init and each.repr]
+    return assignments([(name, value) for name, value in values if isinstance(value, int | float | str | Path | None)])
 
 
 def _is_of_part(error: TacevoError, kind: Kind) -> bool:

@@ -10,6 +10,7 @@ from analysis.report.collection import outcomes, read_studies
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DONE, tell
+from tacevo.config.deciding import own_axes
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine
 from tacevo.evolution.prompts import SAMPLING
@@ -65,7 +66,7 @@ def show_sweep(directory: SweepDirectory) -> str:
 _EDITED = "EDITED: this is not the source that the run admitted. Its hash is not the ledger's."
 
 #: Ledger fields of a candidate that are shown elsewhere, or not at all.
-_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs"}
+_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "measures"}
 
 
 def show_run(path: Path, store: Path | None = None) -> str:
@@ -127,7 +128,8 @@ def show_candidate(path: Path, name: str) -> str:
     """
     directory, run, ledger = _read_begun(path)
     line = _candidate(path, ledger, name)
-    parts = [f"# {name} of {run.name}", f"Instruction: {_instruction(run.task, line)}", _fields(line)]
+    axes = own_axes(read_config(path, run))
+    parts = [f"# {name} of {run.name}", f"Instruction: {_instruction(run.task, line)}", _fields(line, axes)]
     if line.repairs:
         reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
         parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
@@ -180,8 +182,12 @@ def _instruction(task: Task, line: CandidateLine) -> str:
     return f"{instruction.id}: {instruction.text.strip()}"
 
 
-def _fields(line: CandidateLine) -> str:
-    rows = [[key, _value(value)] for key, value in written(line).items() if key not in _HIDDEN and value is not None]
+def _fields(line: CandidateLine, axes: Sequence[str]) -> str:
+    """Write the fields of a candidate's line; `axes` are those of its `measures`."""
+    fields = {key: value for key, value in written(line).items() if key not in _HIDDEN} | dict(
+        zip(axes, line.measures, strict=False)
+    )
+    rows = [[key, _value(value)] for key, value in fields.items() if value is not None]
     if line.temperature is not None and line.sent_temperature is None:
         planned = f"not sent: the model refuses it ({_value(line.temperature)} was planned)"
         rows = [[key, planned if key == TEMPERATURE else value] for key, value in rows]

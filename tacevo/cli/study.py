@@ -1,18 +1,16 @@
-"""The commands `tacevo study`, of a run or of the jobs of a sweep, and `tacevo plan` before it."""
+"""The command `tacevo study`, of a run or of the jobs of a sweep."""
 
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TypeVar
 
 from rich.console import Console
 
 from analysis.report.collection import outcomes, read_studies
-from analysis.tables.plan import plan_table
-from tacevo.api.planning import planned_from, write_plan
-from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
+from tacevo.cli.common import DIFFERENT, DONE, tell
 from tacevo.cli.tables import print_table, say
 from tacevo.config.compose import compose_elsewhere, compose_study, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
@@ -203,16 +201,3 @@ def end(studied: Studied, remedy: str) -> int:
         tell(f"no statistics without these: {remedy}")
     tell(f"digest: {studied.digest}")
     return DIFFERENT if studied.failed else DONE
-
-
-def run_plan(kind: Literal["study", "sweep"], runs: Sequence[str], output: str, **wish: Any) -> int:
-    """Plan a number of seeds; the wish is that of `planned_from`."""
-    directory = output_directory(output)
-    planned = planned_from(kind, [Path(name) for name in runs], **wish)
-    print_table(plan_table(planned), Console())
-    if planned.plan is None:
-        tell("no plan: wish for a larger effect or a lower power, or compare fewer")
-        return DIFFERENT
-    made = write_plan(planned.plan, directory)
-    tell(f"plan: {directory / 'plan.json'}, {made.dated}")
-    return DONE

@@ -32,6 +32,9 @@ from tacevo.errors import ConfigError
 from tacevo.parts.kinds import ARCHIVES, PARENTS
 from tacevo.records import Kind, Loss, Mode, to_json
 
+#: What a part of a user's may place: its centroids are one entry of a store, and in a bundle a line of 8 MiB at most.
+_MOST_COORDINATES = 250_000
+
 
 def check_together(config: RunConfig) -> None:
     """Compare settings of a run with each other.
@@ -177,9 +180,15 @@ def _check_archive(config: RunConfig) -> None:
     moves = archive.bounds is BoundsRule.adaptive or ours == archive.axes
     expected = "adaptive with axes of your own, whose bounds no setting has"
     _check_that(moves, "archive.bounds", expected, archive.bounds)
-    for key in ("niches", "prompt_niches"):
+    sampled = ("niches", "prompt_niches") if archive.kind in ARCHIVES.ours else ("prompt_niches",)
+    for key in sampled:
         value = getattr(archive, key)
         _check_that(value <= archive.samples, f"archive.{key}", f"at most archive.samples={archive.samples}", value)
+    if archive.kind not in ARCHIVES.ours:
+        most = _MOST_COORDINATES // len(archive.axes)
+        axes = ",".join(archive.axes)
+        expected = f"at most {most} with archive.kind={archive.kind} and archive.axes=[{axes}]"
+        _check_that(archive.niches <= most, "archive.niches", expected, archive.niches)
     logarithmic = archive.bounds is BoundsRule.fixed and archive.eff_ratio_scale is Scale.log
     for axis in PAPER_AXES:
         key, least = f"{axis}_bounds", 0 if logarithmic and axis == "eff_ratio" else -math.inf

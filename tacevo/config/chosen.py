@@ -13,6 +13,9 @@ from tacevo.parts.making import Given, made
 from tacevo.parts.registry import Part, find
 from tacevo.records import Json, to_json
 
+#: What stands for a setting that must be given, as Hydra writes it.
+UNGIVEN = "???"
+
 #: Kinds whose settings name one part, which decides no results.
 _KINDS = tuple(kind for kind in KINDS.values() if kind.setting and not kind.decides)
 
@@ -34,7 +37,7 @@ class OpenPart:
     """A part that decides nothing and that a user brought: it runs in this process."""
 
     name: str
-    #: Its own settings at their defaults; `???`, as Hydra writes it, where one must be given.
+    #: Its own settings at their defaults; `UNGIVEN` where one must be given.
     settings: Mapping[str, Json]
 
 
@@ -66,7 +69,7 @@ def _default(setting: Field[Any]) -> Json:
     if setting.default_factory is not MISSING:
         made: Json = to_json(setting.default_factory())
         return made
-    default: Json = "???" if setting.default is MISSING else to_json(setting.default)
+    default: Json = UNGIVEN if setting.default is MISSING else to_json(setting.default)
     return default
 
 

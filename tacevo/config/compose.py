@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from tacevo.choices import Device
 from tacevo.config.arms import check_change, read_arm, split_arm
-from tacevo.config.chosen import check_parts, name_file, names_open, open_parts
+from tacevo.config.chosen import UNGIVEN, check_parts, name_file, names_open, open_parts
 from tacevo.config.composition import composed, laid_over, parsed
 from tacevo.config.conf_folder import config_file, config_roots, groups
 from tacevo.config.own_parts import check_setting, checked, defaults, names_own, own_parts, with_names
@@ -114,7 +114,7 @@ def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str], arm: dict[
         for setting in of_files:
             check_setting((*found, *others), name, setting)
         said = {**values, **of_files, **{key: value for key, value in given_here[name].items() if value is not None}}
-        lacking = next((key for key, value in said.items() if value == "???"), None)
+        lacking = next((key for key, value in said.items() if value == UNGIVEN), None)
         if lacking is not None:
             raise ConfigError("nothing", place=f"parts.{name}.{lacking}", expected="a value: it has no default")
         settings[name] = said

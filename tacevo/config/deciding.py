@@ -5,7 +5,7 @@ from typing import Any
 
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.parts.kinds import ARCHIVES, KINDS, Kind
+from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, KINDS, Kind
 from tacevo.parts.registry import load
 from tacevo.records import Json, written
 from tacevo.storage.canonical import content_hash
@@ -36,6 +36,11 @@ def brought(config: RunConfig) -> Iterator[tuple[Kind, str]]:
     """Yield the kinds and names of the parts that decide and are not ours."""
     for kind in DECIDING:
         yield from ((kind, name) for name in chosen(config, kind) if name not in kind.ours)
+
+
+def own_axes(config: RunConfig) -> tuple[str, ...]:
+    """Return the axes of the network archive that descriptors of a user's measure, in their order."""
+    return tuple(name for name in chosen(config, DESCRIPTORS) if name not in DESCRIPTORS.ours)
 
 
 def constant(config: RunConfig, kind: Kind, name: str) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tacevo.config.chosen import OpenPart
+from tacevo.config.chosen import UNGIVEN, OpenPart
 from tacevo.config.deciding import DECIDING, code_hash, not_ours
 from tacevo.config.removed import removed
 from tacevo.errors import ConfigError, PartError
@@ -91,10 +91,10 @@ def with_names(plain: Mapping[str, Any], found: Iterable[OwnPart]) -> dict[str, 
 
 
 def defaults(found: Iterable[OwnPart]) -> dict[str, Json]:
-    """Return the settings of parts at their defaults, by part; `???`, as Hydra writes it, where one must be given."""
+    """Return the settings of parts at their defaults, by part; `UNGIVEN` where one must be given."""
     return {
         part.name: {
-            name: "???" if setting.default is None else setting.default for name, setting in part.settings.items()
+            name: UNGIVEN if setting.default is None else setting.default for name, setting in part.settings.items()
         }
         for part in found
     }

@@ -164,6 +164,5 @@ def check_balance(parts: Split, classes: npt.NDArray[np.int64], names: tuple[str
             raise DataError(
                 f"no images of {len(absent)} of {len(names)} classes ({', '.join(absent[:5])})",
                 place=f"the {part} split",
-                remedy="take more images (data.images) or groups of them, leave these classes out, or try "
-                "another split",
+                remedy="take more images or groups of them, leave these classes out, or try another split",
             )

@@ -11,11 +11,14 @@ from tacevo.rounding import significant
 MARGIN = 0.05
 
 #: What to raise where no network learned, and where none beat the baseline.
-_LEARN = "Raise training.epochs or data.images, or change training.learning_rate; then search.candidates or llm.model."
+_LEARN = "Raise training.epochs{or_images}, or change training.learning_rate; then search.candidates or llm.model."
 _FIND = (
-    "Raise search.candidates or search.generations, or try another llm.model; then training.epochs, data.images "
+    "Raise search.candidates or search.generations, or try another llm.model; then training.epochs{and_images} "
     "or training.learning_rate."
 )
+
+#: What these say of images, of a source that has the setting.
+_IMAGES = {"or_images": " or data.images", "and_images": ", data.images"}
 
 _USE = "No answer could be used: see the reasons of the gate, then try another llm.model or a larger llm.max_tokens."
 
@@ -36,7 +39,9 @@ def chance_in_words(trivial: float) -> str:
     )
 
 
-def shortfall(*, best: float, baseline: float | None, trivial: float | None, asked: bool, usable: bool) -> str:
+def shortfall(
+    *, best: float, baseline: float | None, trivial: float | None, asked: bool, usable: bool, sized: bool = True
+) -> str:
     """Say that a search learned nothing, or found nothing, and what to raise; empty where it did.
 
     Args:
@@ -45,6 +50,7 @@ def shortfall(*, best: float, baseline: float | None, trivial: float | None, ask
         trivial: the trivial loss; None where it is not known.
         asked: whether a model was asked for networks.
         usable: whether one of its answers was trained.
+        sized: whether `data.images` may be a setting of its source; a source of a user's has others.
     """
     by_chance, is_beaten = is_at_chance(best, trivial), baseline is None or not best >= baseline
     sentences = [chance_in_words(trivial)] if by_chance and trivial is not None else []
@@ -53,5 +59,6 @@ def shortfall(*, best: float, baseline: float | None, trivial: float | None, ask
     if asked and not usable:
         sentences.append(_USE)
     elif asked and sentences:
-        sentences.append(_LEARN if by_chance else _FIND)
+        images = _IMAGES if sized else dict.fromkeys(_IMAGES, "")
+        sentences.append((_LEARN if by_chance else _FIND).format(**images))
     return " ".join(sentences)

@@ -1,4 +1,4 @@
-"""Claude as a provider, one by one or in batches, which alone import what submits them."""
+"""Claude as a provider, one by one or in batches."""
 
 from functools import partial
 

@@ -116,8 +116,11 @@ PROVIDERS: Mapping[str, ProviderFacts] = {
     ),
 }
 
-#: The kinds of tables that each of our outputs makes, of a run and of a study.
+#: The kinds of tables that each of our outputs makes, of a run, a study and a sweep.
 OUTPUT_TABLES: Mapping[str, tuple[str, ...]] = {
+    "effects": ("instruction_effects", "instruction_mix"),
+    "pareto": ("pareto",),
+    "alarms": ("health",),
     "motifs": ("motifs",),
     "noise": ("noise", "ranking", "fitness_rules", "corrected"),
     "images": ("ensembles", "image_outputs"),

@@ -183,6 +183,9 @@ OUTPUTS = Kind(
     setting="",
     decides=False,
     ours={
+        "effects": "analysis.tables.instruction_tables:InstructionEffects",
+        "pareto": "analysis.report.pareto:Pareto",
+        "alarms": "analysis.tables.health:Alarms",
         "motifs": "analysis.tables.motifs:Motifs",
         "noise": "analysis.tables.noise:Noise",
         "images": "analysis.tables.images:ImageTests",
@@ -191,34 +194,20 @@ OUTPUTS = Kind(
     },
 )
 
+#: Our commands by group, as the help lists them. Each is a name in `tacevo.cli.commands`.
+COMMAND_GROUPS: Mapping[str, tuple[str, ...]] = {
+    "search": ("search", "extend", "study", "noise", "tabulate", "plan"),
+    "reproduce": ("replay", "export", "publish", "cache"),
+    "analyse": ("show", "tables", "figures", "report", "ablations"),
+    "tools": ("init", "data", "check", "parts", "track", "doctor"),
+}
+
 COMMANDS = Kind(
     name="commands",
     does="adds a command",
     setting="",
     decides=False,
-    ours={
-        "search": "tacevo.cli.commands:search",
-        "extend": "tacevo.cli.commands:extend",
-        "study": "tacevo.cli.commands:study",
-        "noise": "tacevo.cli.commands:noise",
-        "tabulate": "tacevo.cli.commands:tabulate",
-        "plan": "tacevo.cli.commands:plan",
-        "replay": "tacevo.cli.commands:replay",
-        "export": "tacevo.cli.commands:export",
-        "publish": "tacevo.cli.commands:publish",
-        "cache": "tacevo.cli.commands:cache",
-        "show": "tacevo.cli.commands:show",
-        "tables": "tacevo.cli.commands:tables",
-        "figures": "tacevo.cli.commands:figures",
-        "report": "tacevo.cli.commands:report",
-        "ablations": "tacevo.cli.commands:ablations",
-        "init": "tacevo.cli.commands:init",
-        "data": "tacevo.cli.commands:data",
-        "check": "tacevo.cli.commands:check",
-        "parts": "tacevo.cli.commands:parts",
-        "track": "tacevo.cli.commands:track",
-        "doctor": "tacevo.cli.commands:doctor",
-    },
+    ours={name: f"tacevo.cli.commands:{name}" for group in COMMAND_GROUPS.values() for name in group},
 )
 
 #: All kinds, by name, in the order in which a search meets them.

@@ -11,7 +11,10 @@ from tacevo.parts.sources import files_of
 
 
 def first_line_of(part: Part) -> str:
-    """Return the first line of the docstring of a part, read from its source; empty where there is none."""
+    """Return the first line of the docstring of a part, read from its source; empty where there is none.
+
+    Of a function of ours that makes a part it is that of its module, since its own says how the part is made.
+    """
     try:
         *_, file = files_of(part)
         tree = ast.parse(file.read_text(encoding="utf-8"))
@@ -19,7 +22,8 @@ def first_line_of(part: Part) -> str:
         return ""
     for node in tree.body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == part.attribute:
-            return (ast.get_docstring(node) or "").partition("\n")[0].strip()
+            is_maker = isinstance(node, ast.FunctionDef) and part.is_ours
+            return (ast.get_docstring(tree if is_maker else node) or "").partition("\n")[0].strip()
     return ""
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from tacevo.errors import ConfigError
 from tacevo.parts.kinds import Kind
-from tacevo.text import nearest
+from tacevo.text import listed, nearest
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -63,7 +63,7 @@ class Part:
             raise ConfigError(raised(error), place=self.place, expected=expected) from error
         if not hasattr(module, self.attribute):
             own = [name for name, made in vars(module).items() if getattr(made, "__module__", "") == module.__name__]
-            remedy = nearest(self.attribute, own, "")
+            remedy = nearest(self.attribute, own, f"it has {listed(own)}")
             raise ConfigError(self.attribute, place=self.place, expected="a name that its module has", remedy=remedy)
         return getattr(module, self.attribute)
 

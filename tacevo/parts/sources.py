@@ -125,11 +125,14 @@ def _root(part: Part) -> tuple[Path, str]:
         return part.file.parent, ""
     top = part.module.partition(".")[0]
     spec = find_spec(top)  # of the top alone, as of others the packages above them would run
-    if spec is None or spec.origin is None:
-        expected = "a part whose package is installed with its sources"
-        raise ConfigError(f"no module {top}", place=part.place, expected=expected)
-    path = Path(spec.origin)
-    return (path.parent.parent if spec.submodule_search_locations else path.parent), top
+    if spec is not None and spec.origin is not None:
+        path = Path(spec.origin)
+        return (path.parent.parent if spec.submodule_search_locations else path.parent), top
+    for place in (spec and spec.submodule_search_locations) or ():  # of a namespace, which several packages share
+        if (root := Path(place).parent) and any(_files(root, part.module)):
+            return root, top
+    expected = "a part whose package is installed with its sources"
+    raise ConfigError(f"no module {part.module if spec else top}", place=part.place, expected=expected)
 
 
 def _files(root: Path, module: str) -> Iterator[PurePosixPath]:
@@ -148,17 +151,26 @@ def _is_own(root: Path, own: str, module: str) -> bool:
     top = module.partition(".")[0]
     if own:
         return top == own
-    return not is_allowed(module) and any(_files(root, module))
+    return not is_allowed(module) and (any(_files(root, module)) or _is_namespace(root, module))
+
+
+def _is_namespace(root: Path, module: str) -> bool:
+    """Answer whether a module is a directory of modules without an `__init__.py`."""
+    return any(root.joinpath(*module.split(".")).glob("*.py"))
 
 
 def _imports(place: str, file: PurePosixPath, text: str) -> Iterator[_Import]:
-    """Yield what a text imports, wherever it does; refuse what is no Python, and the clock of NumPy."""
+    """Yield what a text imports, wherever it does; refuse what is no Python, the clock of NumPy, and `id`."""
     try:
         tree = ast.parse(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise ConfigError(str(error) or "text that is nested too deeply", place=place, expected="Python") from error
     package = list(file.parent.parts)
+    has_own_id = any(map(_binds_id, ast.walk(tree)))
     for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and node.id == "id" and not has_own_id:
+            expected = "no address of an object, which is another one in each process"
+            raise ConfigError("`id`", place=f"{place}, line {node.lineno}", expected=expected)
         if isinstance(node, ast.Attribute | ast.Constant | ast.alias) and _is_clock(node):
             line = getattr(node, "lineno", 0)
             raise ConfigError("NumPy's dates, which read a clock", place=f"{place}, line {line}", expected="no clock")
@@ -172,6 +184,15 @@ def _imports(place: str, file: PurePosixPath, text: str) -> Iterator[_Import]:
                 yield _Import(base, node.lineno)
             for alias in node.names:  # each may be a module, which `_files` then finds
                 yield _Import(".".join(filter(None, (base, alias.name))), node.lineno)
+
+
+def _binds_id(node: ast.AST) -> bool:
+    """Answer whether this gives the name `id` a meaning of its own."""
+    if isinstance(node, ast.Name):
+        return node.id == "id" and not isinstance(node.ctx, ast.Load)
+    if isinstance(node, ast.alias):
+        return (node.asname or node.name) == "id"
+    return getattr(node, "arg" if isinstance(node, ast.arg) else "name", None) == "id"
 
 
 def _is_clock(node: ast.Attribute | ast.Constant | ast.alias) -> bool:

@@ -40,7 +40,7 @@ from tacevo.evolution.run_files import (
     read_finished,
     rules_of,
 )
-from tacevo.parts.kinds import ARCHIVES, PROMPTS
+from tacevo.parts.kinds import ARCHIVES, PROMPTS, SOURCES
 from tacevo.records import DataFacts, to_json
 from tacevo.results.settings import read_settings
 from tacevo.results.whereabouts import found_data
@@ -247,6 +247,7 @@ class RecordedRun:
             trivial=self.record.trivial,
             asked=bool(self.answered),
             usable=any(one.fitness is not None for one in self.answered),
+            sized=self.config.data.source in SOURCES.ours,
         )
 
     @property

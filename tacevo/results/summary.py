@@ -4,9 +4,9 @@ It follows from the ledger; of candidates that are alike in all that it says, al
 """
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
-from tacevo.config.deciding import constant
+from tacevo.config.deciding import brought, constant, own_axes
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.evolution.lines import (
@@ -19,11 +19,12 @@ from tacevo.evolution.lines import (
     skipped_note,
 )
 from tacevo.parts.kinds import ARCHIVES
+from tacevo.records import Json
 from tacevo.results.copies import copies
 from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import significant
-from tacevo.text import counted, in_markdown, listed, table
+from tacevo.text import assignments, counted, in_markdown, listed, table
 
 #: What the trivial loss is.
 TRIVIAL = "the least that the same answer to every validation image can have"
@@ -50,7 +51,7 @@ def in_short(run: RecordedRun) -> str:
 def _short(run: RecordedRun, write: Callable[[str], str]) -> list[str]:
     """Return paragraphs, each line of them written by `write`, and the table of elites."""
     fitness, elites = outcome_in_words(run)
-    prose = [searched(run), _not_sent(run)]
+    prose = [searched(run), _brought(run), _not_sent(run)]
     if not fitness:
         return [write(words) for words in prose if words]
     above = [write(words) for words in [*prose, run.shortfall, fitness] if words]
@@ -95,6 +96,19 @@ def searched(run: RecordedRun) -> str:
     )
 
 
+def _brought(run: RecordedRun) -> str:
+    """Name the parts that decided and that the user brought, with their settings; empty where there are none."""
+    parts = [
+        f"{kind.setting}={name}{_settings_in_words(run.config.parts.get(name, {}))}"
+        for kind, name in brought(run.config)
+    ]
+    return f"Parts of its user's that decided: {listed(parts)}." if parts else ""
+
+
+def _settings_in_words(settings: Mapping[str, Json]) -> str:
+    return f" ({listed(assignments([*settings.items()]))})" if settings else ""
+
+
 def data_in_words(run: RecordedRun) -> str:
     """Say what the images are, and their trivial loss."""
     facts, trivial = run.record.data, run.record.trivial
@@ -127,7 +141,7 @@ def outcome_in_words(run: RecordedRun) -> tuple[str, str]:
     first = min((_fitness(line) for line in run.trained if line.generation == 0), default=None)
     rows = [
         [in_markdown(line.id), _number(line.fitness), f"{line.parameters:,}", f"{line.flops:,}",
-         _number(line.arch_div), _number(line.eff_ratio), line.operator]
+         _number(line.arch_div), _number(line.eff_ratio), *map(_number, line.measures), line.operator]
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
     trivial = "" if run.record.trivial is None else f"; the trivial loss is {_number(run.record.trivial)}"
@@ -136,7 +150,8 @@ def outcome_in_words(run: RecordedRun) -> tuple[str, str]:
         f"the baseline {_number(baseline.fitness)}{trivial}."
     )
     best = f"Best {words} {_fitness_in_words(run)}; lower wins. Each is {worth(run.config)}"
-    header = ["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"]
+    own = map(in_markdown, own_axes(run.config))
+    header = ["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", *own, "operator"]
     return f"Lowest {words}" if run.shortfall else best, table(header, rows)
 
 

@@ -36,6 +36,7 @@ from tacevo.sandbox.part_process import PartProcess, Recorded
 from tacevo.storage.canonical import canonical
 from tacevo.storage.run_directory import PARTS, RunDirectory
 from tacevo.storage.store import Store
+from tacevo.text import listed
 
 C = TypeVar("C", bound=Candidate)
 
@@ -174,7 +175,7 @@ def sources_of(config: RunConfig, run: Path | None) -> dict[str, dict[str, str]]
                 "no sources" if texts is None else f"sources of the hash {sha256[:12]}: they were edited",
                 place=f"{run}/{PARTS}/{name}" if run else f"{kind.setting}={name}",
                 expected=f"the sources of the part that decided, of the hash {code.sha256[:12]}",
-                remedy="restore them",
+                remedy="restore them" if texts is None else f"restore them; there are {listed(texts)}",
             )
         check_texts(f"{kind.setting}={name}", texts)
         found[name] = dict(texts)

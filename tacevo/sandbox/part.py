@@ -27,6 +27,7 @@ from tacevo.profile import Graph, Node, Profile, Step
 from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.protocol import Header
+from tacevo.text import listed, nearest
 
 #: What NumPy and Python import when it is first needed, which a confined process could not.
 _LATE = ("ma", "fft", "polynomial", "typing", "char", "rec", "strings", "random", "linalg")
@@ -37,6 +38,16 @@ for _module in [*sorted(ALLOWED), *(f"numpy.{name}" for name in _LATE), "unicode
 
 #: The types of settings.
 TYPES: Mapping[str, type] = {"int": int, "float": float, "bool": bool, "str": str}
+
+#: The method whose answer is sent as numbers, and not as JSON: it may be long.
+CENTROIDS = "archives.centroids"
+
+#: The sizes of the small objects of Python, in bytes, above those of an object and a float, and how many of each are
+#: made and freed again, so that others lie where they were.
+_SIZES, _OF_EACH = range(48, 513, 16), 500
+
+#: What of them is kept.
+_KEPT: list[object] = []
 
 #: By how much the clocks of two processes that make one decision differ, in seconds.
 _LATER = 1_000_003
@@ -68,6 +79,8 @@ class _Recorded(MetaPathFinder, Loader):
         for file in (f"{place}/__init__.py", f"{place}.py"):
             if file in self._sources:
                 return ModuleSpec(name, self, origin=file, is_package=file.endswith("/__init__.py"))
+        if any(file.startswith(f"{place}/") for file in self._sources):
+            return ModuleSpec(name, None, is_package=True)  # a namespace, which has no file of its own
         return None
 
     def _import(self, name: str, *arguments: Any, **named: Any) -> ModuleType:
@@ -93,8 +106,9 @@ def decide(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object
     """Make one decision, and send it as one frame, `{"answer": ...}`, or `{"fault": ...}` where the part is at fault.
 
     The header has `sources`, `module`, `attribute` and `base` of the part, its `settings`, the `method`, what is
-    `given` to it, and the number of the `process`, 0 or 1: two processes differ in their clocks and in the global
-    generators, which no decision may follow from.
+    `given` to it, and the number of the `process`, 0 or 1: two processes differ in their clocks, in the global
+    generators, and in where objects lie and in which order, which no decision may follow from. Centroids are sent as
+    float64 behind the header, which then has their `columns`.
     """
     number = header["process"]
     random.seed(number)
@@ -102,13 +116,35 @@ def decide(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object
     for name in ("time", "monotonic", "perf_counter", "process_time"):
         setattr(time, name, _shifted(getattr(time, name), number * _LATER))
         setattr(time, f"{name}_ns", _shifted(getattr(time, f"{name}_ns"), number * _LATER * 10**9))
+    _place_objects(number)
     sys.meta_path[:] = [_Recorded(header["sources"]), BuiltinImporter, FrozenImporter]
+    payload = b""
     try:
         answer: dict[str, Json] = {"answer": _answer(header)}
+        if header["method"] == CENTROIDS:
+            points = np.array(answer["answer"], np.float64)  # raises where points have unequal lengths
+            answer, payload = {"columns": points.shape[-1]}, points.tobytes()
     except Exception as error:
         answer = {"fault": _told(error, header["sources"])}
-    send(answer, b"")
+    send(answer, payload)
     return None
+
+
+def _place_objects(number: int) -> None:
+    """Let small objects that are made from now on lie at rising addresses, or in the second process at falling ones.
+
+    Python gives the place that was freed last first. Larger ones lie elsewhere in the second process.
+    """
+    made: list[object] = [object() for _ in range(_OF_EACH)]
+    made += [float(each) for each in range(_OF_EACH)]
+    made += [bytes(size - sys.getsizeof(b"")) for size in _SIZES for _ in range(_OF_EACH)]
+    made.sort(key=id, reverse=number == 1)
+    _KEPT.extend(made[::2])
+    freed = made[1::2]
+    del made
+    while freed:
+        freed.pop()
+    _KEPT.extend(bytes(number << power) for power in range(10, 20))
 
 
 def _shifted(clock: Callable[[], Any], by: int) -> Callable[[], Any]:
@@ -132,10 +168,14 @@ def _class(header: Header) -> type:
     """Import the class of a part.
 
     Raises:
+        AttributeError: its module has no such name.
         TypeError: it is none of its kind, or no frozen dataclass.
     """
-    module = __import__(header["module"], fromlist=[header["attribute"]])
-    made = getattr(module, header["attribute"])
+    module, name = __import__(header["module"], fromlist=[header["attribute"]]), header["attribute"]
+    if not hasattr(module, name):
+        own = [key for key, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
+        raise AttributeError(f"no {name} in it; {nearest(name, own, f'it has {listed(own)}')}")
+    made = getattr(module, name)
     base: type = getattr(protocols, header["base"])
     if not (isinstance(made, type) and issubclass(made, base)):
         raise TypeError(f"expected a class that extends tacevo.parts.{base.__name__}; got {made!r}")
@@ -163,7 +203,11 @@ def _describe(made: type[Any], constants: Sequence[str]) -> Json:
         elif type(default).__name__ != kind and not (kind == "float" and type(default) is int):
             raise TypeError(f"expected a default of {field.name} that is {kind}; got {default!r}")
         fields[field.name] = {"type": kind, "default": default}
-    return {"fields": fields, "constants": {name: getattr(made, name) for name in constants}}
+    values = {name: getattr(made, name) for name in constants}
+    for name, value in values.items():
+        if type(value) is not bool:
+            raise TypeError(f"expected {name}, a constant of the class, to be True or False; got {value!r}")
+    return {"fields": fields, "constants": values}
 
 
 def _generator(key: Any) -> np.random.Generator:
@@ -266,7 +310,7 @@ METHODS: Mapping[str, Method] = {
     "temperatures.next": Method("next", _next, _finite),
     "fitness.of": Method("of", _of, _finite),
     "descriptors.describe": Method("describe", _describe_network, _finite),
-    "archives.centroids": Method("centroids", _centroids, _points),
+    CENTROIDS: Method("centroids", _centroids, _points),
 }
 
 

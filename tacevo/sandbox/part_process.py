@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
+import numpy as np
+
 from tacevo.errors import PartError
 from tacevo.parts.kinds import Kind
 from tacevo.records import Json, Limits, Record
@@ -53,6 +55,8 @@ class _Answer(Record):
 
     answer: UncheckedJson = None
     fault: str | None = None
+    #: Of points, which stand behind it as float64: the coordinates of each.
+    columns: int | None = None
 
 
 class PartProcess:
@@ -90,7 +94,7 @@ class PartProcess:
                 f"{_brief(first)}, and then {_brief(second)}, for the same",
                 place=f"{part.place}, {method}",
                 expected="a decision that follows from what is given",
-                remedy="draw from `rng` alone; read no clock, no global generator, no `id` or `hash`",
+                remedy="draw from `rng` alone; read no clock, no global generator, no address of an object",
             )
         return first
 
@@ -115,11 +119,17 @@ class PartProcess:
         try:
             (frame,) = outcome.frames
             answer = frame.read(_Answer)
+            decided = answer.answer if answer.columns is None else _points(frame.payload, answer.columns)
         except (AnswerError, ValueError) as error:
             raise PartError(str(error), place=f"{part.place}, {method}", expected="one decision") from error
         if answer.fault is not None:
             raise PartError(answer.fault, place=f"{part.place}, {method}", expected="a decision")
-        return answer.answer
+        return decided
+
+
+def _points(payload: bytes, columns: int) -> list[Json]:
+    """Read points, whose coordinates follow one another; raises a ValueError where these are no whole points."""
+    return [list(point) for point in np.frombuffer(payload).reshape(-1, columns).tolist()] if columns else []
 
 
 def _brief(value: Json, limit: int = 80) -> str:

@@ -201,14 +201,15 @@ class RunDirectory:
     def read_part(self, name: str) -> dict[str, str] | None:
         """Read the sources of a part that a user brought, by file in order; None where there are none.
 
-        Links are not followed, since a run may be a stranger's; whatever is no file of sources makes it another part.
+        Links are not followed, since a run may be a stranger's. What Python compiled there (`__pycache__`) is passed
+        over; whatever else is no file of sources makes it another part.
         """
         texts: dict[str, str] = {}
         pending = [(self.path / PARTS / name, "")]
         while pending and len(texts) <= MOST_FILES:
             folder, prefix = pending.pop()
             for path in folder.iterdir() if folder.is_dir() and not folder.is_symlink() else ():
-                if path.is_dir():
+                if path.is_dir() and path.name != "__pycache__":
                     pending.append((path, f"{prefix}{path.name}/"))
                 elif path.is_file() and not path.is_symlink() and path.stat().st_size <= MOST_BYTES:
                     texts[f"{prefix}{path.name}"] = path.read_bytes().decode(errors="replace")

@@ -15,7 +15,7 @@ from tacevo.api.frames import Columns, frame
 
 LISTED: dict[str, Columns] = {
     "run.candidates": frames.CANDIDATES,
-    "run.generations": {"generation": "int64", **GENERATIONS},
+    "run.generations": {"generation": "int64", **GENERATIONS, "hypervolume": "float64"},
     "run.pareto(OBJECTIVES)": {"id": "str", **PARETO},
     "run.elites": frames.ELITES,
     "run.prompts": frames.PROMPTS,

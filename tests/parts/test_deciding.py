@@ -12,8 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from bundles import entries_of, members_of, resealed, with_entries
+from bundles import entries_of, honest, members_of, resealed, with_entries, zipped
 from checkout import ROOT
 from commands import tacevo
 from refusals import refused
@@ -23,8 +24,8 @@ from tacevo.bundles.format import sealed
 from tacevo.config.compose import compose
 from tacevo.config.conf_folder import reading_own
 from tacevo.errors import ConfigError, PartError
-from tacevo.parts.kinds import PARENTS, PROMPTS
-from tacevo.parts.registry import find
+from tacevo.parts.kinds import ARCHIVES, PARENTS, PROMPTS
+from tacevo.parts.registry import Part, find
 from tacevo.parts.sources import read_sources
 from tacevo.records import Json, Limits
 from tacevo.sandbox.part_process import PartProcess, Recorded
@@ -106,12 +107,14 @@ def test_nothing_is_kept_or_shown(process: PartProcess, body: str) -> None:
         ("statistics.random._os.fork()", "Error"),
         ("return pool[0].nothing", "AttributeError"),
         ("return 3", "TypeError"),
+        ("return sorted(pool, key=id)[:1]", "for the same"),
+        ("return [pool[min(range(4), key=lambda one: hash(objects[one]))]]", "for the same"),
     ],
 )
 def test_fault_of_a_part_names_it_and_is_no_decision(process: PartProcess, body: str, fault: str) -> None:
     """A clock, a generator of its own, an endless loop, a file, a socket, a program, a process that is not its own."""
     with pytest.raises(PartError) as caught:
-        process.ask(part(body, head="import statistics"), "parents.draw", GIVEN)
+        process.ask(part(body, head="import statistics\nobjects = [object() for _ in range(4)]"), "parents.draw", GIVEN)
     assert fault in caught.value.got
     assert caught.value.place == "proposals.parents=Rule, parents.draw"
 
@@ -126,6 +129,7 @@ def test_fault_of_a_part_names_it_and_is_no_decision(process: PartProcess, body:
         ("x = (", "Python"),
         ("import numpy as np\nnow = np.datetime64('now')", "no clock"),
         ("import numpy as np\nnow = np.array('now', dtype='M8[s]')", "no clock"),
+        ("def order(pool):\n    return sorted(pool, key=id)", "no address"),
     ],
 )
 def test_part_is_read_without_being_run(tmp_path: Path, text: str, expected: str) -> None:
@@ -199,9 +203,80 @@ def test_parts_of_every_kind_decide(recorded: Path) -> None:
     assert {name for line in lines if line.get("generation") == 2 for name in line.get("parents", [])} <= set(best)
     generations = [line for line in lines if line["kind"] == "generation"]
     assert [line["next_temperature"] for line in generations][1] < generations[1]["temperature"]
+    summary = (recorded / "run/summary.md").read_text()
+    assert "proposals.parents=Greedy (k=3, margin=0.0)" in summary
+    assert "archive.axes=Size" in summary
+    assert re.search(r"^\| elite .* EffRatio +\| Size +\|", summary, re.MULTILINE)
     niches = json.loads((recorded / "run/archive.json").read_text())["elites"]
     assert {tuple(elite["centroid"]) for elite in niches} <= {((niche + 0.5) / 5,) * 2 for niche in range(5)}
     assert {path.name for path in (recorded / "run/parts").rglob("*.py")} == {"honest.py", "neighbour.py"}
+
+
+def test_axis_of_a_user_is_shown(recorded: Path) -> None:
+    """Under the name of its descriptor."""
+    name, line = next((line["id"], line) for line in _lines(recorded) if line.get("measures"))
+    shown = tacevo("show", "run", name, cwd=recorded).stdout
+    (value,) = re.findall(r"^\| Size +\| (\S+) +\|", shown, re.MULTILINE)
+    assert float(value) == pytest.approx(line["measures"][0], rel=1e-5)
+    assert "measures" not in shown
+
+
+def _lines(recorded: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (recorded / "run/ledger.jsonl").read_text().splitlines()]
+
+
+def test_what_python_compiled_is_no_source(recorded: Path, tmp_path: Path) -> None:
+    """A directory of bytecode in a run changes no part; any other file does, and is named."""
+    for name in ("run", "cache"):
+        shutil.copytree(recorded / name, tmp_path / name)
+    compiled = tmp_path / "run/parts/Greedy/__pycache__"
+    compiled.mkdir()
+    (compiled / "honest.cpython-311.pyc").write_bytes(b"\0")
+    tacevo("replay", "run", cwd=tmp_path)
+    (tmp_path / "run/parts/Greedy/stray.py").write_text("x = 1\n")
+    assert "stray.py" in tacevo("replay", "run", cwd=tmp_path, status=2).stderr
+
+
+def test_many_niches_of_a_user_are_placed(process: PartProcess) -> None:
+    """As many as one entry of a store may hold; a configuration with more is refused."""
+    text = "from dataclasses import dataclass\nimport numpy as np\nfrom tacevo.parts import Archive\n"
+    text += "@dataclass(frozen=True)\nclass Many(Archive):\n    def centroids(self, niches, axes):\n"
+    text += "        return np.random.Generator(np.random.Philox(1)).random((niches, axes)).tolist()\n"
+    many = Recorded(kind=ARCHIVES, name="Many", module="many", attribute="Many", sources={"many.py": text})
+    placed = process.ask(many, "archives.centroids", {"niches": 125_000, "axes": 2})
+    assert isinstance(placed, list)
+    assert placed[-1] == np.random.Generator(np.random.Philox(1)).random((125_000, 2))[-1].tolist()
+    with refused(ConfigError, place="archive.niches", expected="at most 125000", got="125001"):
+        compose(["experiment=demo", f"archive.kind={HONEST}:Rows", "archive.niches=125001"])
+
+
+def test_constant_that_is_no_bool_is_refused(tmp_path: Path) -> None:
+    """With its name."""
+    (tmp_path / "rule.py").write_text(
+        "from dataclasses import dataclass\nfrom tacevo.parts import Parents\n@dataclass(frozen=True)\n"
+        "class Rule(Parents):\n    has_parents = 'yes'\n"
+    )
+    with refused(ConfigError, place="proposals.parents=Rule", got="has_parents"):
+        compose(["experiment=demo", f"proposals.parents={tmp_path}/rule.py:Rule"])
+
+
+def test_part_may_lie_in_a_namespace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, process: PartProcess) -> None:
+    """A directory without `__init__.py`, beside a file or as a package that others share, is imported by the rules."""
+    (tmp_path / "lab/rules").mkdir(parents=True)
+    (tmp_path / "lab/rules/few.py").write_text("SIZE = 2\n")
+    (tmp_path / "lab/rules/mine.py").write_text(
+        "from dataclasses import dataclass\nfrom lab.rules import few\nfrom tacevo.parts import Parents\n"
+        "@dataclass(frozen=True)\nclass Rule(Parents):\n    def draw(self, pool, number, rng):\n"
+        "        return pool[few.SIZE :][:number]\n"
+    )
+    (tmp_path / "beside.py").write_text((tmp_path / "lab/rules/mine.py").read_text())
+    monkeypatch.syspath_prepend(tmp_path)
+    packed = Part(kind=PARENTS, name="mine", module="lab.rules.mine", attribute="Rule", origin="lab 1.0")
+    for found in (packed, find(PARENTS, f"{tmp_path}/beside.py:Rule")):
+        sources = read_sources(found)
+        assert "lab/rules/few.py" in sources
+        rule = Recorded(kind=PARENTS, name="Rule", module=found.module, attribute="Rule", sources=sources)
+        assert process.ask(rule, "parents.draw", GIVEN) == ["g00s02"]
 
 
 def test_whoever_lacks_the_parts_replays_and_shows(recorded: Path, tmp_path: Path) -> None:
@@ -252,6 +327,13 @@ def test_bundle_whose_part_is_not_the_recorded_one_is_refused(
     (tmp_path / "run.zip").write_bytes(sealed(members)[0])
     done = tacevo("replay", "run.zip", cwd=tmp_path, status=1)
     assert "refused: " in done.stderr
+
+
+def test_bundle_holds_nothing_that_a_run_passes_over(recorded: Path, tmp_path: Path) -> None:
+    """A directory of bytecode below a part is no member."""
+    members = {**_members(recorded / "run.zip"), "run/parts/Greedy/__pycache__/other.py": b"x = 1\n"}
+    zipped(honest(members), tmp_path / "run.zip")
+    assert "__pycache__" in tacevo("replay", "run.zip", cwd=tmp_path, status=1).stderr
 
 
 @pytest.mark.few(6)
@@ -345,12 +427,13 @@ def test_run_goes_on_only_with_the_part_that_began_it(recorded: Path, tmp_path: 
         ("parts.Gredy.k=2", "parts.Gredy", "", "nothing chooses"),
         ("parts=3", "parts", "parts.NAME.SETTING=VALUE", "parts=3"),
         ("code.Greedy.sha256=0", "", "KEY=VALUE", "code"),
+        ("proposals.parents={file}:Gredy", "proposals.parents=Gredy", "", "did you mean Greedy"),
     ],
 )
 def test_settings_of_a_part_are_checked(setting: str, place: str, expected: str, got: str) -> None:
     """By their types, when a search is composed."""
     with refused(ConfigError, place=place, expected=expected, got=got):
-        compose(["experiment=demo", f"proposals.parents={HONEST}:Greedy", setting])
+        compose(["experiment=demo", f"proposals.parents={HONEST}:Greedy", setting.format(file=HONEST)])
 
 
 def test_settings_of_a_part_stand_in_the_file_of_an_arm(tmp_path: Path) -> None:

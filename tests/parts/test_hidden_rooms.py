@@ -134,6 +134,10 @@ NAMING = {
     "motifs": ["publish runs/first -o again.zip"],
     "noise": ["noise runs/first", "study runs/first choose=reestimated", "publish runs/first -o again.zip"],
     "surrogate": [f"search {SETTINGS} proposals.skipped=0.5"],
+    "Pareto": ["publish runs/first -o again.zip"],
+    "alarms": ["publish runs/first -o again.zip"],
+    "effects of instructions": ["publish runs/first -o again.zip"],
+    "plans, pilots": ["plan study runs/first --effect 0.1 -o plan"],
 }
 
 
@@ -159,9 +163,22 @@ def test_tables_of_a_missing_part_are_missing_and_said(room: str, recorded: Path
     (_, _, said), (status, printed, _) = run_without(
         HIDDEN[room], ["tables runs/first --output tables", "replay run.zip"], tmp_path / "hidden", tmp_path
     )
-    assert re.search(f"no tables of {room}: .*analysis.tables.{room}", said)
+    assert re.search(f"no tables or figures of {room}: .*analysis.tables.{room}", said)
     made = {path.stem for path in (tmp_path / "tables").rglob("*.csv")}
     assert {"gate", "improvement", "scores"} - made == set()
     assert made & set(OUTPUT_TABLES[room]) == set()
     assert status == 0
     assert "of a part that is not installed" in printed
+
+
+def test_figures_and_page_are_made_without_an_output(recorded: Path, tmp_path: Path) -> None:
+    """What they have of it is missing, and said; everything else is there."""
+    shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
+    commands = ["figures runs/first --output figures", "report runs/first --output page.html"]
+    figures, page = run_without(HIDDEN["Pareto"], commands, tmp_path / "hidden", tmp_path)
+    assert (figures[0], page[0]) == (0, 0), figures[2] + page[2]
+    assert "no tables or figures of pareto: " in figures[2]
+    drawn = {path.stem for path in (tmp_path / "figures").iterdir()}
+    assert "fitness" in drawn
+    assert "pareto" not in drawn
+    assert "no tables or figures of pareto: " in (tmp_path / "page.html").read_text()

@@ -37,6 +37,7 @@ def test_list_has_every_part_and_imports_none(tmp_path: Path) -> None:
     assert re.search(r"^  robot +mylab 1.0 +Two kinds of touch", printed, re.MULTILINE)
     assert re.search(r"^  csv +mylab 1.0 +never used", printed, re.MULTILINE)
     assert len(re.findall(r"^  echo +(?:mylab 1.0|otherlab 2.0) +not used", printed, re.MULTILINE)) == 2
+    assert not re.search(r"settings of `|Make (the|what)", printed)
     assert not (tmp_path / "imported").exists()
 
 
@@ -59,6 +60,7 @@ def test_list_says_what_is_not_installed(tmp_path: Path) -> None:
         (["unifrom"], 2),
         (["nothing.py"], 2),
         ([f"{HONEST}:ranked"], 2),
+        ([f"{HONEST}:Gredy"], 2),
         ([f"{HONEST}:Greedy", "data.imags=3"], 2),
         ([], 2),
     ],
@@ -66,6 +68,7 @@ def test_list_says_what_is_not_installed(tmp_path: Path) -> None:
 def test_check_ends_with_the_status_of_what_it_found(tmp_path: Path, words: list[str], status: int) -> None:
     """0 where all is kept, 1 where a promise is broken, 2 where the user made a mistake."""
     done = tacevo("parts", "check", *words, cwd=tmp_path, status=status)
+    assert ("made with k=3, margin=0.0" in done.stdout) == ("parts.Greedy.k=3" in words)
     assert ("BROKEN" in done.stdout) == (status == 1)
     assert ("kept" in done.stdout) == (status == 0)
 

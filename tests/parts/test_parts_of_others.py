@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -12,11 +13,17 @@ from refusals import refused
 from rooms import Ended, run_without
 from smallest import ARCHIVES, Once
 
+from analysis.report.outputs import Outputs, outputs
+from analysis.report.sweep_collection import SweepCollection, sweep_tables
+from analysis.table import Table
+from tacevo.api.opening import open as open_run
+from tacevo.api.sweeps import Sweep
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError
-from tacevo.parts.kinds import SOURCES
+from tacevo.parts.kinds import OUTPUTS, SOURCES
 from tacevo.parts.making import Given, made
-from tacevo.parts.registry import find
+from tacevo.parts.output import Output
+from tacevo.parts.registry import Part, find
 
 LAB = ROOT / "tests/support/lab"
 
@@ -69,6 +76,34 @@ def test_parts_of_a_package_are_used_by_name(recorded: Path) -> None:
     assert (recorded / "tables/more/widths.csv").read_text() == "candidates\n3\n"
     assert re.search("^parts:\n  greet +of mylab 1.0$", (recorded / "help.out").read_text(), re.MULTILINE)
     assert "hello, you" in (recorded / "greet.out").read_text()
+
+
+def test_advice_names_no_setting_that_a_users_source_lacks(recorded: Path) -> None:
+    """`data.images` is one of some of ours."""
+    summary = (recorded / "run/summary.md").read_text()
+    assert "training.epochs" in summary
+    assert "data.images" not in summary
+
+
+class Arms(Output):
+    """Adds a table of a sweep."""
+
+    def sweep_tables(self, sweep: SweepCollection) -> Sequence[Table]:
+        """Count the arms."""
+        return [Table(name="arms", caption="Arms.", columns=("arms",), rows=((len(sweep.ablation.names),),))]
+
+
+def test_output_of_a_users_has_tables_of_a_sweep() -> None:
+    """Behind all others; those of ours are as in the bundle."""
+    known = outputs(ours=True)
+    part = Part(kind=OUTPUTS, name="arms", module="mylab", attribute="Arms", origin="mylab 1.0")
+    sweep = open_run(ROOT / "examples/lexicase.zip")
+    assert isinstance(sweep, Sweep)
+    collected = sweep.collection()
+    mine = Outputs(known=(*known.known, (part, Arms())), missing={})
+    *others, last = sweep_tables(collected, mine)
+    assert (last.name, last.rows) == ("arms", ((2,),))
+    assert others == list(sweep_tables(collected))
 
 
 def test_part_in_a_file_is_used_and_its_place_is_published_nowhere(recorded: Path) -> None:

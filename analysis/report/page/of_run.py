@@ -13,13 +13,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.report.collection import Collection, Compared
+from analysis.report.outputs import outputs
 from analysis.report.page.source_texts import kept_lines, source_contents
 from analysis.rounding import p_in_words, shown
 from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
 from analysis.runs.niches import cells
-from analysis.runs.pareto import REESTIMATED, beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.studies.metric_names import metric_name
@@ -216,7 +216,7 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
     id) of the network archive after it.
     """
     medians, archives = archive_medians(run, centroids), archive_history(run, centroids)
-    raw = descriptors(run)
+    raw, volumes = descriptors(run), _hypervolumes(run)
     born = np.array([line.generation for line in run.trained])
     return [
         to_json(line)
@@ -225,14 +225,25 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
             "archive_median": median,
             "tokens": entry["tokens"],
             "usd": entry["usd"],
-            "hypervolume": entry["hypervolume"],
+            "hypervolume": volume,
             "extents": list(zip(line.bounds.low, line.bounds.high, strict=True))
             if line.bounds is not None
             else _extents(raw[born <= line.generation]),
             "elites": [(niche, elite.name) for niche, elite in sorted(archive.elites.items())],
         }
-        for entry, line, median, archive in zip(_rows(progress(run)), run.generations, medians, archives, strict=True)
+        for entry, line, median, archive, volume in zip(
+            _rows(progress(run)), run.generations, medians, archives, volumes, strict=True
+        )
     ]
+
+
+def _hypervolumes(run: RecordedRun) -> list[float | None]:
+    """Return the hypervolume after each generation; None without a reference point, or where the part is missing."""
+    if not outputs(ours=True).has("pareto"):
+        return [None] * len(run.generations)
+    from analysis.runs.pareto import hypervolumes
+
+    return hypervolumes(run)
 
 
 def _pareto(collection: Collection) -> dict[str, Any]:
@@ -240,8 +251,10 @@ def _pareto(collection: Collection) -> dict[str, Any]:
 
     Without re-estimates that were made the front would be another one, so there is none.
     """
-    if collection.unread:
+    if collection.unread or not outputs(ours=True).has("pareto"):
         return {"again": {}, "front": []}
+    from analysis.runs.pareto import REESTIMATED, beside_costs, on_front
+
     candidates = beside_costs(collection.run, losses_by_source(collection.reestimates))
     again = candidates.fitness[candidates.estimate == REESTIMATED]
     return {"again": again.to_dict(), "front": on_front(candidates, ["fitness", "flops"]).index.tolist()}

@@ -11,7 +11,8 @@ from analysis.runs.coverage_map import coverage_map, reachable
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
 from analysis.table import Percent
-from analysis.tables.health import health_table, niches_table
+from analysis.tables.health import health_table
+from analysis.tables.niches import niches_table
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Reason, Stage

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from analysis.statistics.planning import MOST, Spread, chance, detectable, median_deviation, needed, pooled
+from analysis.statistics.detectable import detectable
+from analysis.statistics.planning import MOST, Spread, chance, median_deviation, needed, pooled
 from analysis.statistics.tests import holm, mann_whitney, p_values
 
 

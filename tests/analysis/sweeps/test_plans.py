@@ -17,7 +17,8 @@ from analysis.statistics.planning import Spread, median_deviation, pooled
 from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
 from analysis.sweeps.plans import RETRAININGS, Wish, plan
 from analysis.table import Percent
-from analysis.tables.plan import plan_notes, plan_table
+from analysis.tables.followed_plan import plan_notes
+from analysis.tables.plan import plan_table
 from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
 from tacevo.errors import RunError

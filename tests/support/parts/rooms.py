@@ -39,6 +39,16 @@ ROOMS: Mapping[str, str] = {
     "published": "analysis.tables.published",
     "gpus": "tacevo.training.leases",
     "surrogate": "tacevo.evolution.surrogate",
+    "Pareto": (
+        "analysis.runs.pareto analysis.statistics.pareto analysis.tables.pareto analysis.figures.pareto "
+        "analysis.report.pareto"
+    ),
+    "alarms": "analysis.runs.health analysis.tables.health",
+    "effects of instructions": "analysis.runs.instruction_effects analysis.tables.instruction_tables",
+    "plans, pilots": (
+        "analysis.sweeps.plans analysis.sweeps.pilots analysis.statistics.planning analysis.tables.plan "
+        "tacevo.api.planning tacevo.cli.plan"
+    ),
     "noise": (
         "tacevo.studies.noise tacevo.cli.noise tacevo.results.noise_runs analysis.tables.noise "
         "analysis.tables.noise_outcome analysis.studies.noise analysis.studies.corrected analysis.statistics.seed_noise"
