@@ -12,7 +12,6 @@ from analysis.report.outputs import Outputs, Say, outputs, unsaid
 from analysis.runs.niches import Niches, load_niches
 from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import compare
-from analysis.studies.other_data import is_alone
 from analysis.studies.reestimates import Reestimates, load_reestimates
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.table import Table
@@ -33,7 +32,7 @@ from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
 from tacevo.results.grouped import check_groups, lacks_groups
 from tacevo.results.run import RecordedRun, read_run
-from tacevo.results.study import RecordedStudy, as_study
+from tacevo.results.study import RecordedStudy, as_study, is_alone
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory, studies_of
 from tacevo.text import listed
 

@@ -22,8 +22,7 @@ from analysis.rounding import p_in_words
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
-from analysis.runs.niches import Niches
-from analysis.runs.prompt_niches import reachable_prompt_niches
+from analysis.runs.niches import Niches, reachable_prompt_niches
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.tables.ablation import common_note, temperature_notes
 from tacevo.evolution.lines import TEMPERATURE

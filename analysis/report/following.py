@@ -17,7 +17,7 @@ from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import PageContents, page_contents
 from analysis.report.sweep_collection import collect_sweep
-from analysis.runs.begun import load_begun
+from analysis.runs.archive_history import load_begun
 from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.run_files import finished_digest
 from tacevo.storage.files import write_durably

@@ -17,7 +17,6 @@ from tacevo.costs import Spending, total
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, trained_networks, training_flops
 from tacevo.records import Operator, Stage
-from tacevo.results.copies import copies
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import DIGITS
 
@@ -63,7 +62,7 @@ PRODUCTIVITY |= dict.fromkeys(("rate", "rate_low", "rate_high"), "float64")
 
 def progress(run: RecordedRun) -> pd.DataFrame:
     """Return a row for each generation (`GENERATIONS`)."""
-    repeated, unchanged = repeats(run), copies(run)
+    repeated, unchanged = repeats(run), run.copies
     rows: list[dict[str, Any]] = []
     for line in run.generations:
         slots = [candidate for candidate in run.candidates if candidate.generation == line.generation]

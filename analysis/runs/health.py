@@ -15,7 +15,6 @@ from analysis.runs.coverage_map import AXES, CoverageMap, coverage_map, effectiv
 from analysis.runs.dynamics import by_prompt, mutations, progress, repeats
 from tacevo.choices import BoundsRule, Scale
 from tacevo.evolution.lines import TEMPERATURE, gate_stages
-from tacevo.results.copies import copies
 from tacevo.results.run import RecordedRun, descriptors_of
 from tacevo.text import counted
 
@@ -163,7 +162,7 @@ def _remedy(run: RecordedRun, axis: str) -> tuple[str, dict[str, float]]:
 
 def _of_candidates(run: RecordedRun) -> Iterator[Alarm]:
     asked = run.answered
-    known = (repeats(run) | copies(run)) & {candidate.id for candidate in asked}
+    known = (repeats(run) | run.copies) & {candidate.id for candidate in asked}
     if asked and len(known) / len(asked) > REPEATED:
         yield Alarm(
             name="many duplicates",

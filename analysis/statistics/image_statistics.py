@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import rankdata, wilcoxon
 
-from analysis.statistics.detectable import POWER
 from analysis.statistics.effects import interval
+from analysis.statistics.tests import POWER
 from analysis.table import Between
 from tacevo.rounding import rounded
 

@@ -14,9 +14,8 @@ import numpy as np
 import pandas as pd
 
 from analysis.statistics.effects import EFFECTS, effects
-from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
-from analysis.statistics.tests import holm, mann_whitney, smallest_p
+from analysis.statistics.tests import equivalence, holm, mann_whitney, smallest_p
 from analysis.studies.ceiling import is_at_ceiling
 from analysis.studies.metric_names import SHARES
 from analysis.studies.warnings import Caution, cautions

@@ -2,10 +2,13 @@
 
 The verdicts of `analysis.studies.comparison` resample seeds only: they hold for these test images. Here images are
 resampled with the seeds, and the ensembles of the seeds, which are the networks as one would use them, are compared on
-the same images. Of images that were recorded together each group counts once, where groups are known.
+the same images. Of images that were recorded together each group counts once, where groups are known. Predictions are
+read from the store of the study, and compared with its scores.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from statistics import fmean
 from typing import Any
 
@@ -26,13 +29,17 @@ from analysis.statistics.image_statistics import (
 )
 from analysis.statistics.tests import holm
 from analysis.studies.comparison import Verdict
-from analysis.studies.predictions import Predictions
 from analysis.table import Between
+from tacevo.errors import RunError
 from tacevo.randomness import stream
-from tacevo.records import Kind
+from tacevo.records import Kind, Mode
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import fewest_seeds
 from tacevo.rounding import rounded
+from tacevo.storage.array_store import KIND, ArrayStore
+from tacevo.storage.store import Store
+from tacevo.text import listed
+from tacevo.training.full import read_kept, score
 
 #: The group of each test image, shape (t,), numbered from 0.
 Groups = NDArray[np.int64]
@@ -64,6 +71,56 @@ OUTPUTS = (
 
 #: The two frames that test images give: `ENSEMBLES` and `OUTPUTS`; without rows where there is nothing of the second.
 ImageFindings = tuple[pd.DataFrame, pd.DataFrame]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Predictions:
+    """What every network of a study predicts for the t test images under each of its S seeds."""
+
+    #: By network, in the order of the study, float32, shape (S, t, K), in the scaled units of training, or logits.
+    of: Mapping[str, NDArray[np.float32]]
+    #: Float32, shape (t, K), in the same units; of a classification int64, shape (t,).
+    labels: NDArray[Any]
+
+
+def load_predictions(study: RecordedStudy, store: Path) -> Predictions | None:
+    """Read the test predictions of a study.
+
+    Args:
+        study: whose scores name them.
+        store: the directory of the stores.
+
+    Returns:
+        None where the study keeps none, as one of an earlier release.
+
+    Raises:
+        RunError: some trainings name predictions and others do not, their labels differ, or they do not give the
+            recorded score; the message names the row.
+        CacheMissError: the store lacks some.
+        StoreError: an entry of the store is damaged.
+    """
+    kept = [one.kept for one in study.scores]
+    if not any(kept):
+        return None
+    labels = {None if one is None else one.labels for one in kept}
+    if len(labels) > 1:
+        digests = listed("none" if each is None else each[:12] for each in sorted(labels, key=str))
+        expected = "the same test labels in every training"
+        raise RunError(f"labels of the digests {digests}", place=f"the study of {study.task}", expected=expected)
+    arrays = ArrayStore(Store(store, KIND, Mode.replay))
+    by_network: dict[str, list[NDArray[np.float32]]] = {network.name: [] for network in study.networks}
+    truth: NDArray[Any] = np.empty(0)
+    unit = [1.0] * len(study.names)  # that of training, as the primary metric's
+    for row in sorted(study.scores, key=lambda row: row.seed):
+        if row.kept is not None:
+            predictions, truth = read_kept(arrays, row.kept, study.data)
+            metrics, _ = score(study.kind, predictions, truth, names=study.names, scale=unit)
+            recorded, computed = row.metrics[study.primary], metrics[study.primary]
+            if recorded != computed:
+                place = f"{row.network}, seed {row.seed}, {study.primary}"
+                raise RunError(str(recorded), place=place, expected=f"{computed}, by its test predictions")
+            by_network[row.network].append(predictions)
+    return Predictions(of={name: np.stack(each) for name, each in by_network.items()}, labels=truth)
 
 
 def image_findings(study: RecordedStudy, predictions: Predictions) -> ImageFindings:

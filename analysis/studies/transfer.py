@@ -10,11 +10,10 @@ from scipy.stats import friedmanchisquare
 
 from analysis.statistics.tests import blocked_mann_whitney, holm, sign_p
 from analysis.studies.comparison import Verdict
-from analysis.studies.other_data import shared_terms
 from tacevo.choices import ALL_SENSORS
 from tacevo.config.schema import DataConfig
 from tacevo.records import to_json
-from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
+from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy, shared_terms
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
 

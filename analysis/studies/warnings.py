@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.rounding import shown
-from analysis.statistics.detectable import detectable
 from analysis.statistics.image_statistics import detectable_lead
-from analysis.statistics.tests import Method, smallest_p
+from analysis.statistics.tests import Method, detectable, smallest_p
 from analysis.table import Percent
 from tacevo.results.study_lines import fewest_groups
 from tacevo.text import counted, listed

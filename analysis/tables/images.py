@@ -8,9 +8,8 @@ import pandas as pd
 
 from analysis.statistics.effects import LEVEL
 from analysis.statistics.image_statistics import IMAGE_RESAMPLES
-from analysis.studies.image_findings import ImageFindings, image_findings
+from analysis.studies.image_findings import ImageFindings, image_findings, load_predictions
 from analysis.studies.metric_names import SHARES, metric_name, recorded_scale, recorded_unit
-from analysis.studies.predictions import load_predictions
 from analysis.studies.warnings import group_power_note
 from analysis.table import Percent, PValue, Table
 from analysis.tables.comparison import scaled, score_cell, unit_of

@@ -2,8 +2,7 @@
 
 from analysis.runs.coverage_map import coverage_map, effective_niches, reachable
 from analysis.runs.dynamics import progress
-from analysis.runs.niches import Niches
-from analysis.runs.prompt_niches import reachable_prompt_niches, reachable_temperatures
+from analysis.runs.niches import Niches, reachable_prompt_niches, reachable_temperatures
 from analysis.table import Cell, Percent, Table, percent
 from tacevo.results.run import RecordedRun
 from tacevo.text import counted

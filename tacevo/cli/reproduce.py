@@ -14,9 +14,8 @@ from tacevo.costs import in_words, total
 from tacevo.errors import ConfigError, DataError
 from tacevo.reproduce.retrain import retrain
 from tacevo.results.looked_up import with_table
-from tacevo.results.settings import settings_of
+from tacevo.results.settings import found_data, settings_of
 from tacevo.results.table_header import is_table
-from tacevo.results.whereabouts import found_data
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory

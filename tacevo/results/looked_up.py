@@ -12,11 +12,11 @@ def with_table(
     """Return the configuration of a run with the place at which its table lies here; one without a table as it is.
 
     Raises:
-        DataError, BundleError: as `tacevo.results.table_files.find_table`.
+        DataError, BundleError: as `tacevo.results.space_table.find_table`.
     """
     if not config.data.facts.is_looked_up:
         return config
-    from tacevo.results.table_files import find_table
+    from tacevo.results.space_table import find_table
 
     table = find_table(Path(config.data.root or ""), digest, beside, named, option=option)
     return replace(config, data=replace(config.data, root=str(table)))

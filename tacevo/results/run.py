@@ -40,10 +40,10 @@ from tacevo.evolution.run_files import (
     read_finished,
     rules_of,
 )
+from tacevo.gate.likeness import is_same_network
 from tacevo.parts.kinds import ARCHIVES, PROMPTS, SOURCES
 from tacevo.records import DataFacts, to_json
-from tacevo.results.settings import read_settings
-from tacevo.results.whereabouts import found_data
+from tacevo.results.settings import found_data, read_settings
 from tacevo.rules import Rules
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.ledger import Sealed
@@ -102,7 +102,7 @@ class RecordedRun:
 
     @cached_property
     def with_data(self) -> RunConfig:
-        """Its configuration, with its data set where that lies on this machine (`tacevo.results.whereabouts`)."""
+        """Its configuration, with its data set where that lies on this machine (`found_data`)."""
         root = found_data(self.directory, self.config)
         return replace(self.config, data=replace(self.config.data, root=root))
 
@@ -193,6 +193,31 @@ class RecordedRun:
     def fitness(self) -> Mapping[str, float]:
         """The fitness of each trained candidate, by id."""
         return {line.id: line.fitness for line in self.candidates if line.fitness is not None}
+
+    @cached_property
+    def copies(self) -> frozenset[str]:
+        """The ids of the candidates that are the network of one of their parents, and so no new network.
+
+        They may be written with other comments, docstrings or layout. A source whose file is missing, or was edited, is
+        compared with none but those of its hash.
+        """
+        known = {candidate.id: candidate for candidate in self.candidates}
+        return frozenset(
+            candidate.id
+            for candidate in self.candidates
+            if candidate.source is not None
+            and any(self._is_copy(candidate, known[parent]) for parent in candidate.parents if parent in known)
+        )
+
+    def _is_copy(self, child: CandidateLine, parent: CandidateLine) -> bool:
+        """Return whether two candidates are one network; of unlike profiles they are not, and no text is read."""
+        if child.source == parent.source:
+            return True
+        if parent.source is None or (child.parameters, child.flops) != (parent.parameters, parent.flops):
+            return False
+        texts = [self.directory.read_checked(line.id, line.source) for line in (child, parent)]
+        first, second = (None if is_edited or text is None else text.decode() for text, is_edited in texts)
+        return first is not None and second is not None and is_same_network(first, second)
 
     @cached_property
     def spent(self) -> Mapping[str, Spending]:

@@ -1,7 +1,24 @@
-"""The settings of a run as they were recorded, finished or not."""
+"""The settings of a run as they were recorded, finished or not, and where its stores and its data lie on this machine.
 
+A command may be given in another directory than the run was made in. A relative `store.root` or `data.root` is looked
+up in the directory that the run was made in, as far as its `run.dir` tells, then in the working directory, then in the
+directories above the run, the nearest first. The directories above end at one that another user owns or that everyone
+may write to: whoever lays a store there would decide what is read. A name with `..` is
+looked up in the first two alone.
+
+A store is the run's only where it holds a training of the run: another one of that name is never read in its place.
+Where none is found, the recorded name stays, and what would write there asks `RecordedRun.check_stores` first.
+
+Nothing is looked up by what a bundle says of its author's stores; of its data set, only by the last part of the name.
+"""
+
+import itertools
+import os
+import re
+import stat
+from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
@@ -11,10 +28,10 @@ from tacevo.errors import ConfigError, RunError
 from tacevo.parts.facts import HERE
 from tacevo.records import to_json
 from tacevo.results.publishable import last_part
-from tacevo.results.whereabouts import found_store
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.storage.store import place_of
 
 
 def read_config(path: Path, record: RunRecord) -> RunConfig:
@@ -33,8 +50,8 @@ def read_config(path: Path, record: RunRecord) -> RunConfig:
 def read_settings(directory: RunDirectory, record: RunRecord, store: str | None = None) -> RunConfig:
     """Return the configuration of a run for this machine alone, with no more workers than cores.
 
-    `store` is where its stores lie, if not where the run had them (`tacevo.results.whereabouts`). Of the place that a
-    bundle names for its data the last part is taken: `tacevo publish` writes no more.
+    `store` is where its stores lie, if not where the run had them (`found_store`). Of the place that a bundle
+    names for its data the last part is taken: `tacevo publish` writes no more.
 
     Raises:
         RunError: run.json has another number of simulated images than the run had, another contract than its settings
@@ -77,3 +94,72 @@ def _check_task(config: RunConfig, record: RunRecord, place: str) -> None:
 def settings_of(directory: RunDirectory) -> RunConfig:
     """Return the configuration of a run, finished or not, as `read_settings`."""
     return read_settings(directory, directory.read_run())
+
+
+#: In a line of a ledger, the key of a training, which its store has under this name.
+_EVALUATION = re.compile(rb'"evaluation":"([0-9a-f]{64})"')
+
+
+def found_store(directory: RunDirectory, config: RunConfig) -> str:
+    """Return where the stores of a run in a directory lie; where they are not found, what the run recorded."""
+    name = config.store.root
+    if PurePath(name).is_absolute() or isinstance(directory.path, Member):
+        return name
+    places = [place for place in _places(name, directory.path, config.run.dir) if place.is_dir()]
+    if key := _first_training(directory):
+        places = [place for place in places if (place / place_of("evaluations", key)).exists()]
+    return _as_written(name, places)
+
+
+def _first_training(directory: RunDirectory) -> str | None:
+    """Return the key of the first training in the ledger of a run; None without one."""
+    if not directory.ledger.exists():
+        return None
+    with directory.ledger.open("rb") as lines:
+        return next((found[1].decode() for line in lines if (found := _EVALUATION.search(line))), None)
+
+
+def found_data(directory: RunDirectory, config: RunConfig) -> str | None:
+    """Return where the data set of a run lies; where nothing is found, what the run recorded."""
+    name = config.data.root
+    if name is None or config.data.facts.is_made:  # which is made, and lies nowhere
+        return name
+    return _as_written(name, [place for place in _places(name, directory.path, config.run.dir) if place.exists()])
+
+
+def _places(name: str, run: Path, made_as: str | None) -> Iterator[Path]:
+    """List the paths that a name in the settings of a run may mean, each once."""
+    known: set[Path] = set()
+    for folder in (Path(),) if PurePath(name).is_absolute() else _folders(name, run, made_as):
+        path = folder / name
+        if (real := path.resolve()) not in known:
+            known.add(real)
+            yield path
+
+
+def _folders(name: str, run: Path, made_as: str | None) -> Iterator[Path]:
+    """List the directories in which a relative name of a run is looked up; a bundle lies where its file does."""
+    path = run.file.resolve() if isinstance(run, Member) else run.resolve()
+    own = PurePath("runs", path.name) if made_as is None else PurePath(made_as)
+    is_there = not own.is_absolute() and path.parts[-len(own.parts) :] == own.parts
+    if is_there and not isinstance(run, Member):
+        yield Path(*path.parts[: -len(own.parts)])
+    yield Path()
+    if ".." not in PurePath(name).parts:
+        yield from itertools.takewhile(_is_own, path.parents)
+
+
+def _is_own(folder: Path) -> bool:
+    """Return whether a directory is this user's, and not everyone may lay something into it."""
+    try:
+        found = folder.stat()
+    except OSError:
+        return False
+    return found.st_uid == os.geteuid() and not found.st_mode & stat.S_IWOTH
+
+
+def _as_written(name: str, places: list[Path]) -> str:
+    """Return the first place, by the name itself where that leads there from the working directory."""
+    if not places or (os.path.exists(name) and os.path.samefile(name, places[0])):
+        return name
+    return str(places[0])

@@ -1,7 +1,7 @@
 """A finished study as statistics see it: the scores of every network under every training seed, checked to be whole."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.errors import RunError
-from tacevo.records import Kind
+from tacevo.records import Kind, to_json
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory
 from tacevo.results.study_lines import Design, FailedLine, ScoreLine, StudyTerms
+from tacevo.storage.canonical import content_hash
 from tacevo.text import listed
 from tacevo.training.metrics import contradiction
 
@@ -203,3 +204,14 @@ def check_study(study: RecordedStudy) -> None:
             what, got, expected = found
             row = f"{place}, {score.network} with seed {score.seed}, {what}"
             raise RunError(got, place=row, expected=expected, remedy=_AGAIN)
+
+
+def is_alone(study: RecordedStudy, others: Iterable[RecordedStudy]) -> bool:
+    """Return whether no other study has its networks, alike, on other data."""
+    return not any(shared_terms(one) == shared_terms(study) and one.fingerprint != study.fingerprint for one in others)
+
+
+def shared_terms(study: RecordedStudy) -> str:
+    """Name what a study has in common with itself on other data; a plan is of one of them, and changes no score."""
+    kept = {field.name for field in fields(Design)} - {"data", "other_data", "plan"}
+    return content_hash({name: to_json(getattr(study, name)) for name in kept})

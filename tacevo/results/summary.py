@@ -20,7 +20,6 @@ from tacevo.evolution.lines import (
 )
 from tacevo.parts.kinds import ARCHIVES
 from tacevo.records import Json
-from tacevo.results.copies import copies
 from tacevo.results.grouped import in_groups
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import significant
@@ -191,7 +190,7 @@ def rates_in_words(run: RecordedRun) -> list[str]:
 
 def _unchanged(run: RecordedRun) -> list[str]:
     """Say how many candidates are a parent's network again, which the rate counts as any other, where one is."""
-    count = sum(run.directory.read_kept(name) is not None for name in copies(run))  # whose text a reader can compare
+    count = sum(run.directory.read_kept(name) is not None for name in run.copies)  # whose text a reader can compare
     return [f"Unchanged: {counted(count, 'answer')} with the network of a parent again, words aside."] if count else []
 
 

@@ -14,8 +14,7 @@ from tacevo.api.opening import open_run
 from tacevo.bundles.open import opened
 from tacevo.cli.app import main
 from tacevo.errors import DataError, RunError
-from tacevo.results.settings import settings_of
-from tacevo.results.whereabouts import found_data
+from tacevo.results.settings import found_data, settings_of
 from tacevo.storage.canonical import readable
 from tacevo.storage.run_directory import RunDirectory
 

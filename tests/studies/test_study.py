@@ -19,7 +19,7 @@ from smallest import SMALLEST, UNTRACKED, Once
 from sweeps import Heard
 from waiting import eventually
 
-from analysis.studies.predictions import load_predictions
+from analysis.studies.image_findings import load_predictions
 from tacevo.choices import Device, Numerics, Precision
 from tacevo.cli.app import main
 from tacevo.errors import RunError

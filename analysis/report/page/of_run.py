@@ -19,8 +19,7 @@ from analysis.rounding import p_in_words, shown
 from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
-from analysis.runs.niches import cells
-from analysis.runs.prompt_niches import reachable_prompt_niches
+from analysis.runs.niches import cells, reachable_prompt_niches
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
 from analysis.studies.metric_names import metric_name
 from analysis.studies.reestimates import by_seeds, losses_by_source

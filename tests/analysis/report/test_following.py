@@ -10,7 +10,7 @@ import pytest
 from refusals import refused
 
 from analysis.report.following import Followed, follow
-from analysis.runs.begun import load_begun
+from analysis.runs.archive_history import load_begun
 from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.results.run import read_run

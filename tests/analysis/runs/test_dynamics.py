@@ -33,7 +33,6 @@ from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, gate_stages
 from tacevo.records import Reason, Stage
-from tacevo.results.copies import copies
 from tacevo.results.run import RecordedRun
 from tacevo.results.summary import rates_in_words
 from tacevo.storage.run_directory import RunDirectory
@@ -84,7 +83,7 @@ def test_repeat_is_an_evaluation_that_was_asked_for_before() -> None:
 def test_copy_is_the_source_of_a_parent() -> None:
     """A child that equals a candidate which is not its parent is not a copy."""
     slots = [trained(0, 0), trained(0, 1), trained(1, 0, source="g00s00"), trained(1, 1, source="g00s01")]
-    assert copies(run(slots, [])) == {"g01s00"}
+    assert run(slots, []).copies == {"g01s00"}
 
 
 def test_copy_may_have_other_words_and_another_layout(tmp_path: Path) -> None:
@@ -104,7 +103,7 @@ def test_copy_may_have_other_words_and_another_layout(tmp_path: Path) -> None:
     for name, text in sources.items():
         edited = text + "x = 1\n" if name == "g01s02" else text
         (tmp_path / "candidates" / f"{name}.py").write_text(edited, encoding="utf-8")
-    assert copies(made) == {"g01s00"}
+    assert made.copies == {"g01s00"}
     assert progress(made).unchanged.tolist() == [0, 1]
     assert any(line.startswith("Unchanged: 1 answer ") for line in rates_in_words(made))
     table = generations_table(made, CENTROIDS)

@@ -9,8 +9,7 @@ from checkout import BUNDLES
 
 from analysis.report.collection import collect
 from analysis.report.figure_list import run_pictures
-from analysis.runs.niches import Niches
-from analysis.runs.prompt_niches import reachable_prompt_niches, reachable_temperatures
+from analysis.runs.niches import Niches, reachable_prompt_niches, reachable_temperatures
 from tacevo.bundles.open import opened
 from tacevo.evolution.archive import Tessellation
 from tacevo.evolution.lines import CandidateLine

@@ -5,8 +5,7 @@ import pytest
 from scipy.stats import mannwhitneyu
 from statsmodels.stats.weightstats import ttost_ind
 
-from analysis.statistics.equivalence import equivalence
-from analysis.statistics.tests import Method
+from analysis.statistics.tests import Method, equivalence
 from tacevo.rounding import rounded
 
 

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from analysis.statistics.detectable import detectable
 from analysis.statistics.planning import MOST, Spread, chance, median_deviation, needed, pooled
-from analysis.statistics.tests import holm, mann_whitney, p_values
+from analysis.statistics.tests import detectable, holm, mann_whitney, p_values
 
 
 @pytest.mark.parametrize(("n", "m"), [(2, 2), (4, 5), (20, 20), (33, 33), (40, 40)])

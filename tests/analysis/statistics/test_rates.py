@@ -7,9 +7,8 @@ import pytest
 from scipy.special import ndtri
 
 from analysis.statistics.effects import effects, median, superiority
-from analysis.statistics.equivalence import equivalence
 from analysis.statistics.seed_noise import icc
-from analysis.statistics.tests import holm, mann_whitney
+from analysis.statistics.tests import equivalence, holm, mann_whitney
 from analysis.table import Between
 
 TRIALS = 200

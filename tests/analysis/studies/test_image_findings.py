@@ -14,8 +14,7 @@ from sklearn.metrics import accuracy_score, mean_squared_error
 from studies import study_of
 
 from analysis.statistics.image_statistics import signed_rank
-from analysis.studies.image_findings import image_findings
-from analysis.studies.predictions import Predictions, load_predictions
+from analysis.studies.image_findings import Predictions, image_findings, load_predictions
 from analysis.table import Between, Cell, Percent
 from analysis.tables.images import image_tables
 from tacevo.errors import CacheMissError, RunError

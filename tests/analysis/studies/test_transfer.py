@@ -13,7 +13,6 @@ from analysis.report.collection import Collection, Compared, tables_of, with_lar
 from analysis.runs.niches import Niches
 from analysis.statistics.tests import blocked_mann_whitney, holm
 from analysis.studies.comparison import compare
-from analysis.studies.other_data import is_alone
 from analysis.studies.transfer import concordance, joint, sensor_groups, transfers
 from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
@@ -21,7 +20,7 @@ from analysis.table import Percent
 from analysis.tables.comparison import ONE_SPLIT
 from analysis.tables.transfer import OWN, joint_table, sensor_table, transfer_table, transfer_tables
 from tacevo.records import Kind
-from tacevo.results.study import RecordedStudy
+from tacevo.results.study import RecordedStudy, is_alone
 
 NICHES = np.array([[0.3, 0.5], [0.7, 0.5]])
 

@@ -22,7 +22,7 @@ ROOMS: Mapping[str, str] = {
     "tacverse": "tacevo.data.sources.tacverse tacevo.data.sources.release",
     "table": (
         "tacevo.results.space_table tacevo.results.table_checks tacevo.results.table_records "
-        "tacevo.results.table_files tacevo.studies.tabulate tacevo.cli.tabulate tacevo.runs.looked_up "
+        "tacevo.studies.tabulate tacevo.cli.tabulate tacevo.runs.looked_up "
         "tacevo.reproduce.space_table tacevo.api.space_tables analysis.statistics.spaces"
     ),
     "slurm": "tacevo.sweeps.slurm submitit",
@@ -34,7 +34,7 @@ ROOMS: Mapping[str, str] = {
     "data check": "tacevo.runs.data_check tacevo.runs.data_report tacevo.data.pictures tacevo.data.survey",
     "init": "tacevo.cli.init tacevo.config.new_task tacevo.config.supplement",
     "crate": "tacevo.bundles.crate rocrate",
-    "image tests": "analysis.tables.images analysis.studies.image_findings analysis.studies.predictions",
+    "image tests": "analysis.tables.images analysis.studies.image_findings",
     "transfer": "analysis.tables.transfer analysis.studies.transfer",
     "published": "analysis.tables.published",
     "gpus": "tacevo.training.leases",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from studies import study_of
 
-from analysis.studies.predictions import Predictions
+from analysis.studies.image_findings import Predictions
 from tacevo.records import Kind
 from tacevo.results.study import PRIMARY, RecordedStudy
 from tacevo.storage.array_store import ArrayStore, digest_of
