@@ -2,16 +2,17 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from tacevo.config.identity import config_hash, twins
+from tacevo.config.identity import twins
 from tacevo.errors import RunError
 from tacevo.evolution.run_files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.sweep_jobs import misfit
 from tacevo.results.tested import FailedTestError, JobScore, job_score
-from tacevo.storage.sweep_directory import UNSTATED, Job, Retraining, SweepDirectory, SweepTerms
+from tacevo.storage.sweep_directory import UNSTATED, Job, SweepDirectory, SweepTerms
 
 #: The arm that all others are compared with unless the sweep states another: the search as it is.
 REFERENCE = "none"
@@ -109,42 +110,36 @@ def load_sweep(path: Path, known: Mapping[str, RecordedRun] | None = None) -> Re
     """
     directory = SweepDirectory(path)
     record = directory.read()
-    jobs, terms = record.jobs, record.terms
-    _check_distinct(path, jobs)
-    finished, missing = [], []
-    for job in jobs:
+    _check_distinct(path, record.jobs)
+    retraining = record.terms.retraining
+    finished, missing, untested = [], [], []
+    for job in record.jobs:
         run = (known or {}).get(job.name)
         standing, reason = (Standing.finished, "") if run else state_of(directory, job)
-        if standing is Standing.finished:
-            finished.append(_checked(job, run or read_run(directory.run(job).path)))
-        else:
+        if standing is not Standing.finished:
             failed = standing is Standing.failed
             missing.append(Missing(job=job, standing=standing, reason=reason, has_failed=failed))
+            continue
+        run = run or read_run(directory.run(job).path)
+        _check_run(job, run)
+        tested = None
+        if retraining is not None and retraining.tests(job.arm):
+            try:
+                tested = job_score(run, retraining)
+            except RunError as error:
+                failed = isinstance(error, FailedTestError)
+                untested.append(Missing(job=job, reason=str(error), has_failed=failed))
+        finished.append(FinishedJob(job=job, run=run, tested=tested))
     if not finished:
         raise RunError(
-            f"{len(jobs)} of {len(jobs)} that are not finished",
+            f"{len(missing)} of {len(missing)} that are not finished",
             place=str(path),
             expected="at least one finished job",
             remedy="continue the sweep by the `tacevo search -m` command that began it",
         )
-    sweep = RecordedSweep(path=path, finished=tuple(finished), missing=tuple(missing), terms=terms)
-    return sweep if terms.retraining is None else _with_tests(sweep, terms.retraining)
-
-
-def _with_tests(sweep: RecordedSweep, stated: Retraining) -> RecordedSweep:
-    """Read the test scores of the finished jobs, and why others have none."""
-    finished, untested = [], []
-    for one in sweep.finished:
-        if not stated.tests(one.job.arm):
-            finished.append(one)
-            continue
-        try:
-            finished.append(replace(one, tested=job_score(one.run, stated)))
-        except RunError as error:
-            finished.append(one)
-            failed = isinstance(error, FailedTestError)
-            untested.append(Missing(job=one.job, reason=str(error), has_failed=failed))
-    return replace(sweep, finished=tuple(finished), untested=tuple(untested))
+    return RecordedSweep(
+        path=path, finished=tuple(finished), missing=tuple(missing), terms=record.terms, untested=tuple(untested)
+    )
 
 
 def state_of(directory: SweepDirectory, job: Job) -> tuple[Standing, str]:
@@ -165,15 +160,16 @@ def standing_of(directory: SweepDirectory, job: Job, *, is_busy: bool, is_finish
     return (Standing.stopped if directory.run(job).ledger.exists() else Standing.waiting), ""
 
 
-def _checked(job: Job, run: RecordedRun) -> FinishedJob:
+def _check_run(job: Job, run: RecordedRun) -> None:
     """Check that a run is that of its job."""
-    where = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
-    if run.config.seed != job.seed:
-        raise RunError(f"a run of seed {run.config.seed}", expected=f"seed {job.seed}, as sweep.json states", **where)
-    if (came := config_hash(run.config)) != job.config:
-        expected = f"{job.config[:12]}, the hash that sweep.json states of job {job.name}"
-        raise RunError(f"a run whose configuration has the hash {came[:12]}", expected=expected, **where)
-    return FinishedJob(job=job, run=run)
+    if differing := misfit(job, run.config):
+        field, stated, recorded = differing
+        raise RunError(
+            f"a run of {field} {recorded}",
+            place=str(run.path),
+            expected=f"{field} {stated}, as sweep.json states of job {job.name}",
+            remedy="delete the directory; the command that began the sweep repeats the job",
+        )
 
 
 def _check_distinct(path: Path, jobs: tuple[Job, ...]) -> None:

@@ -6,7 +6,7 @@ more. What an arm is follows from the recorded configurations (`analysis.tables.
 label.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -26,63 +26,54 @@ from tacevo.text import listed
 _SHOWN = 6
 
 
+def misfit(job: Job, config: RunConfig) -> tuple[str, int | str, int | str] | None:
+    """Compare a job of sweep.json with the configuration of its run.
+
+    Returns:
+        The first of `seed` and `config`, the hash of the configuration, in which they differ, with its value in
+        sweep.json and in the run; None where they agree.
+    """
+    values = (("seed", job.seed, config.seed), ("config", job.config, config_hash(config)))
+    return next(((name, stated, recorded) for name, stated, recorded in values if stated != recorded), None)
+
+
 def check_jobs(directory: SweepDirectory) -> None:
-    """Compare sweep.json with the runs of its jobs.
+    """Compare sweep.json with the runs of its jobs, one job after the other.
 
     Raises:
         DivergenceError: the first difference, with job, field and both values.
         RunError: a file is damaged.
     """
-    sweep = directory.read()
-    jobs, vary = sweep.jobs, sweep.terms.vary
-    settings = []
-    for job in jobs:
+    sweep, place = directory.read(), directory.path / "sweep.json"
+    jobs_by_hash: dict[str, str] = {}
+    settings_by_arm: dict[str, Json] = {}
+    arms_by_settings: dict[str, str] = {}
+    for job in sweep.jobs:
         config = settings_of(directory.run(job))
-        for field, stated, recorded in (("seed", job.seed, config.seed), ("config", job.config, config_hash(config))):
-            if stated != recorded:
-                raise DivergenceError(
-                    repr(stated),
-                    place=f"{directory.path / 'sweep.json'}, job {job.name}, {field}",
-                    expected=f"{recorded!r}, as in its run",
-                )
-        if varied(config, vary, job.seed) != config:
+        if differing := misfit(job, config):
+            field, stated, recorded = differing
+            expected = f"{recorded!r}, as in its run"
+            raise DivergenceError(repr(stated), place=f"{place}, job {job.name}, {field}", expected=expected)
+        if varied(config, sweep.terms.vary, job.seed) != config:
             raise DivergenceError(
-                f"{', '.join(vary)}, which its run did not take from its seed",
-                place=f"{directory.path / 'sweep.json'}, terms.vary, job {job.name}",
+                f"{', '.join(sweep.terms.vary)}, which its run did not take from its seed",
+                place=f"{place}, terms.vary, job {job.name}",
                 expected=f"settings that are {job.seed} in its run, the seed of the job",
             )
-        published = from_plain(published_config(to_json(config)))  # paths by their last part
-        settings.append(decisive(replace(varied(published, vary, 0), seed=0)))
-    _check_different_jobs(jobs)
-    _check_arms(jobs, settings)
-
-
-def _check_different_jobs(jobs: Sequence[Job]) -> None:
-    """Check that each job has a configuration of its own."""
-    by_hash: dict[str, str] = {}
-    for job in jobs:
-        other = by_hash.setdefault(job.config, job.name)
-        if other != job.name:
+        if (other := jobs_by_hash.setdefault(job.config, job.name)) != job.name:
             got = f"the same one, of hash {job.config[:12]}"
             raise DivergenceError(got, place=f"jobs {other} and {job.name}", expected="different configurations")
-
-
-def _check_arms(jobs: Sequence[Job], settings: Sequence[Json]) -> None:
-    """Check that runs of one arm differ in their seeds only, and those of two arms in more."""
-    by_arm: dict[str, Json] = {}
-    by_settings: dict[str, str] = {}
-    for job, chosen in zip(jobs, settings, strict=True):
-        if fields := differences(by_arm.setdefault(job.arm, chosen), chosen):
+        published = from_plain(published_config(to_json(config)))  # paths by their last part
+        settings = decisive(replace(varied(published, sweep.terms.vary, 0), seed=0))
+        if fields := differences(settings_by_arm.setdefault(job.arm, settings), settings):
             raise DivergenceError(
                 f"other values of {listed(map(shown, fields), most=_SHOWN)}",
                 place=f"job {job.name}",
                 expected=f"the settings of arm {job.arm!r}, except for the seed",
             )
-        other = by_settings.setdefault(content_hash(chosen), job.arm)
-        if other != job.arm:
-            raise DivergenceError(
-                "the same, apart from the seed", place=f"arms {other!r} and {job.arm!r}", expected="different settings"
-            )
+        if (other := arms_by_settings.setdefault(content_hash(settings), job.arm)) != job.arm:
+            place_of_arms = f"arms {other!r} and {job.arm!r}"
+            raise DivergenceError("the same, apart from the seed", place=place_of_arms, expected="different settings")
 
 
 def varied(config: RunConfig, vary: Iterable[Varied], seed: int) -> RunConfig:

@@ -191,8 +191,8 @@ def _exchange(sweep: Path) -> None:
     ("spoil", "said"),
     [
         (_edit, "sweep/none-seed1/ledger.jsonl"),
-        (_repeat, "sweep/none-seed1: expected seed 1, as sweep.json states; got a run of seed 0"),
-        (_exchange, "the hash that sweep.json states of job none-seed0; got a run whose configuration has the hash "),
+        (_repeat, "sweep/none-seed1: expected seed 1, as sweep.json states of job none-seed1; got a run of seed 0"),
+        (_exchange, "as sweep.json states of job none-seed0; got a run of config "),
     ],
 )
 def test_run_that_is_not_its_jobs_is_refused(
