@@ -126,7 +126,7 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
         CacheMissError: the store lacks a training.
         StoreError: an entry of the store is damaged.
     """
-    header, rows, place = finished.scores.header, finished.scores.rows, str(finished.path)
+    header, rows, place = finished.header, finished.rows, str(finished.path)
     if not _trains_alike(header, config, fingerprint):
         return None
     names = [(network.name, seed) for network in header.networks for seed in range(header.seeds)]

@@ -61,7 +61,7 @@ class Study:
     @property
     def digest(self) -> str:
         """The last hash of its scores, which stands for all of them."""
-        return self._finished.scores.digest
+        return self._finished.digest
 
     @property
     def is_noise(self) -> bool:
@@ -71,7 +71,7 @@ class Study:
     @property
     def networks(self) -> pd.DataFrame:
         """The networks, the baseline first; columns: `tacevo.api.frames.NETWORKS`."""
-        rows = ({**asdict(one), "network": one.name} for one in self._finished.scores.header.networks)
+        rows = ({**asdict(one), "network": one.name} for one in self._finished.header.networks)
         return frames.frame(rows, frames.NETWORKS, index="network")
 
     @property
@@ -81,7 +81,7 @@ class Study:
         A metric is of the test images, by the weights of the epoch with the lowest validation loss; in training units,
         an accuracy in [0, 1]. A training that failed has its reason in `failed`, and no other value.
         """
-        rows = self._finished.scores.rows
+        rows = self._finished.rows
         metrics = dict.fromkeys((name for row in rows for name in getattr(row, "metrics", ())), "float64")
         return frames.frame(map(_score, rows), {**frames.SCORES, **metrics})
 
@@ -128,7 +128,7 @@ class Study:
         return self._pages(self.name)[1]
 
     def __repr__(self) -> str:
-        header = self._finished.scores.header
+        header = self._finished.header
         what = "noise run" if self.is_noise else "study"
         facts = f"{what} {self.name}: {len(header.networks)} networks, {header.seeds} seeds"
         return "; ".join([f"<{facts}", *([self._unread] if self._unread else [])]) + ">"

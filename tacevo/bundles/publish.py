@@ -245,7 +245,7 @@ def _test_labels(staged: Opened, runs: Sequence[Rerun]) -> int:
     kept = {
         row.kept.labels: study.record.data.counts[2]
         for study in runs[0].studies.values()
-        for row in study.scores.rows
+        for row in study.rows
         if isinstance(row, ScoreLine) and row.kept is not None
     }
     return sum(kept.values())
@@ -263,7 +263,7 @@ def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
     jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read().jobs
     return Subject(
         runs=tuple(done.run for done in runs),
-        studies=tuple({name: study.scores.digest for name, study in done.studies.items()} for done in runs),
+        studies=tuple({name: study.digest for name, study in done.studies.items()} for done in runs),
         jobs=jobs,
         note=read_note(staged.folder),
     )

@@ -43,8 +43,7 @@ def check_texts(run: RecordedRun, studies: Iterable[FinishedStudy]) -> None:
     _compare(folder / "run.json", _as_written({**to_json(run.record), "config": config}, folder / "run.json"))
     _check_timings(folder / "timings.jsonl")
     for study in studies:
-        scores = study.scores
-        _compare(study.path / "scores.jsonl", sealed_text([scores.header, *scores.rows])[0])
+        _compare(study.path / "scores.jsonl", sealed_text([study.header, *study.rows])[0])
         plain, path = plain_study(study.record), study.path / "study.json"
         early = {name: plain[name] for name in ("schema", "name")} | plain  # the order of a study without `rules`
         _compare(path, _as_written(early if "rules" not in _read(path) else plain, path))

@@ -182,7 +182,7 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
 
 def _check_name(study: FinishedStudy, *, searched: bool) -> None:
     """Check the name of a study; tables and figures of it bear that name."""
-    names = study_names(study.scores.header, searched=searched)
+    names = study_names(study.header, searched=searched)
     if study.path.name not in names or study.record.name != study.path.name:
         raise DivergenceError(
             f"{study.path.name} and {study.record.name!r}",

@@ -106,7 +106,7 @@ def _told(origin: Opened, done: Verified) -> list[str]:
         told += [f"job {job}: digest {run.replayed.digest}"] if job else []
         told += [f"{place}{line}" for line in _decided(run)]
         told += [
-            f"{place}study {name}: every score is as recorded, digest {study.scores.digest}"
+            f"{place}study {name}: every score is as recorded, digest {study.digest}"
             for name, study in run.studies.items()
         ]
     studies = [study.record for run in runs if not run.run.has_predictions for study in run.studies.values()]

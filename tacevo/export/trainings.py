@@ -134,14 +134,14 @@ def design(
             record, rules = study.record, study.record.rules
             config = trained_by(config, record.recipe, record.numerics, record.device)
     training = replace(config.training, epochs=settings.epochs or config.training.epochs)
-    rows = () if study is None else study.scores.rows
+    rows = () if study is None else study.rows
     scores = tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine))
     uncited = "" if study is None else missing or _without_predictions(run, study)
     recorded: dict[str, CandidateLine | Row] = {
         one.evaluation: one for one in run.candidates if one.evaluation is not None
     }
     for one, lacking in studies:
-        recorded |= {} if lacking else {row.evaluation: row for row in one.scores.rows}
+        recorded |= {} if lacking else {row.evaluation: row for row in one.rows}
     return TrainingPlan(
         line=line,
         like=like,
@@ -165,7 +165,7 @@ def _studies(run: RecordedRun, line: CandidateLine, data: Dataset | None) -> lis
     """
     known = [(directory, directory.read()) for directory in studies_of(run.path)]
     fitting = [
-        FinishedStudy(path=directory.path, record=record, scores=directory.read_scores())
+        directory.read_scores(record)
         for directory, record in known
         if record.terms is not None
         and record.digest is not None

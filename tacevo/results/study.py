@@ -105,9 +105,9 @@ def as_study(finished: FinishedStudy) -> RecordedStudy:
     Raises:
         RunError: it is a noise run, or not one score for each network and seed; the message names the rows.
     """
-    path, record, scores = finished.path, finished.record, finished.scores
-    _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
-    header, facts = scores.header, scores.header.data
+    path, record, header = finished.path, finished.record, finished.header
+    _check_failed(path, [row for row in finished.rows if isinstance(row, FailedLine)])
+    facts = header.data
     if header.terms is None:
         raise RunError("a noise run, which has none", place=str(path), expected="a study with test scores")
     for name in ("units", "scale"):
@@ -119,7 +119,7 @@ def as_study(finished: FinishedStudy) -> RecordedStudy:
         **{field.name: getattr(header, field.name) for field in fields(Design)},
         units=record.units,
         scale=record.scale,
-        scores=tuple(row for row in scores.rows if isinstance(row, ScoreLine)),
+        scores=tuple(row for row in finished.rows if isinstance(row, ScoreLine)),
     )
     check_study(study)
     return study

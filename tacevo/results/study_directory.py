@@ -39,9 +39,13 @@ _MOST_MISSING = 1_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scores:
-    """The scores of a finished study."""
+class FinishedStudy:
+    """A study whose scores are there, read once; `read_finished` has compared both files."""
 
+    path: Path
+    #: The content of study.json.
+    record: StudyRecord
+    #: The first line of the scores.
     header: StudyHeader
     #: In the order of networks and seeds.
     rows: tuple[Row, ...]
@@ -50,7 +54,7 @@ class Scores:
 
     @property
     def digest(self) -> str:
-        """The last hash, which stands for all of them."""
+        """The last hash, which stands for all scores."""
         return self.hashes[-1]
 
     def compare(self, header: StudyHeader, rows: Sequence[Row]) -> str:
@@ -63,16 +67,6 @@ class Scores:
         for line in (header, *rows):
             ledger.commit(line)
         return ledger.digest
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FinishedStudy:
-    """A finished study, read and checked once."""
-
-    path: Path
-    #: What study.json holds.
-    record: StudyRecord
-    scores: Scores
 
 
 class StudyDirectory:
@@ -132,8 +126,8 @@ class StudyDirectory:
         text = path.read_bytes() if path.exists() else b""
         return parse(StudyRecord, text, place=str(path), error=RunError, remedy=self._remedy)
 
-    def read_scores(self) -> Scores:
-        """Read the header and the scores of a finished study, checked line by line.
+    def read_scores(self, record: StudyRecord | None = None) -> FinishedStudy:
+        """Read a study with its scores, checked line by line; `record` is its study.json where that was read before.
 
         Raises:
             RunError: the study is not finished, or a line was damaged or edited; the message names network and seed.
@@ -156,7 +150,8 @@ class StudyDirectory:
         if (wanted := len(headers[0].networks) * headers[0].seeds) > len(rows) + _MOST_MISSING:
             expected = f"{wanted} scores, by its header"
             raise RunError(str(len(rows)), place=str(self.scores), expected=expected, remedy=self._remedy)
-        return Scores(header=headers[0], rows=rows, hashes=sealed.hashes)
+        record = record or self.read()
+        return FinishedStudy(path=self.path, record=record, header=headers[0], rows=rows, hashes=sealed.hashes)
 
     def read_finished(self) -> FinishedStudy:
         """Read study.json and the scores, and compare their digests; for what uses them without a replay.
@@ -171,15 +166,15 @@ class StudyDirectory:
                 got, remedy = "one that is still running", "wait for it"
             trainings = counted(len(record.networks) * record.seeds, "training")
             raise RunError(got, place=str(self.path), expected=f"a finished study, of {trainings}", remedy=remedy)
-        scores = self.read_scores()
-        if record.digest != scores.digest:
+        study = self.read_scores(record)
+        if record.digest != study.digest:
             raise RunError(
                 "null" if record.digest is None else record.digest,
                 place=f"{self.path}/study.json, digest",
-                expected=f"{scores.digest}, with which scores.jsonl ends",
+                expected=f"{study.digest}, with which scores.jsonl ends",
                 remedy=_continues(record),
             )
-        return FinishedStudy(path=self.path, record=record, scores=scores)
+        return study
 
     def _write(self, study: StudyRecord) -> None:
         write_durably(self.path / "study.json", readable(plain_study(study)))
@@ -277,7 +272,7 @@ def estimates_of(run: Path, digest: str) -> dict[str, float]:
     for directory in studies_of(run):
         if directory.read().digest == digest:
             losses: dict[str, list[float]] = {}
-            for row in directory.read_finished().scores.rows:
+            for row in directory.read_finished().rows:
                 losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
             return {name: median(values) for name, values in losses.items() if max(values) < math.inf}
     raise RunError(

@@ -78,9 +78,9 @@ def job_score(run: RecordedRun, stated: Retraining) -> JobScore:
         record = directory.read()
         if record.run == run.digest and record.digest is not None and is_stated(record, stated):
             try:
-                scores = directory.read_finished().scores
-                if len(scores.header.networks) > min(stated.elites, _offered(run, scores.header)):
-                    sound.append(_score(run, scores.header, scores.rows, stated.elites))
+                study = directory.read_finished()
+                if len(study.header.networks) > min(stated.elites, _offered(run, study.header)):
+                    sound.append(_score(run, study.header, study.rows, stated.elites))
             except RunError as error:
                 faults.append(error)
     if not sound and faults:

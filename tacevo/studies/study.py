@@ -266,8 +266,7 @@ def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None
             view.say(f"study {name} is about the run before it was extended, and is passed over")
         else:
             with doubting(recorded.versions):
-                scores = directory.read_scores()
-            studies[name] = FinishedStudy(path=directory.path, record=recorded, scores=scores)
+                studies[name] = directory.read_scores(recorded)
             replay_study(run, studies[name], seen=seen)
     return studies
 
@@ -289,11 +288,11 @@ def replay_study(
 
 def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dataset | None) -> None:
     """Compute the scores of one study again, and compare."""
-    recorded, scores = study.record, study.scores
+    recorded = study.record
     trainings = recorded.seeds * len(recorded.networks)
-    if len(scores.rows) != trainings:  # else a few digits could ask for more memory than there is
+    if len(study.rows) != trainings:  # else a few digits could ask for more memory than there is
         place = f"{study.path}/scores.jsonl"
-        raise RunError(f"{len(scores.rows)}", place=place, expected=f"{trainings} scores, by its study.json")
+        raise RunError(f"{len(study.rows)}", place=place, expected=f"{trainings} scores, by its study.json")
     plan = plan_trainings(
         run,
         run.config
@@ -326,7 +325,7 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
     with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, data=data, stores=stores) as bench:
         evaluator = _evaluator(bench, plan.header, recorded.scale, predictions=run.has_predictions)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
-        digest = scores.compare(plan.header, _rows(plan, evaluator, verdicts))
+        digest = study.compare(plan.header, _rows(plan, evaluator, verdicts))
     if digest != recorded.digest:
         raise DivergenceError(str(recorded.digest), place=f"{place}, digest", expected=digest)
 

@@ -79,12 +79,12 @@ def _shown(
     return Shown(
         tag=STUDY_TAG,
         name=finished.path.name,
-        line=finished.scores.digest,
+        line=finished.digest,
         params=study_params(finished.record) | _verdicts(compared),
         points=[*score_measures(finished), *_statistics(compared, again if is_noise else None)],
         tags={"mlflow.source.name": command, "mlflow.source.type": "LOCAL", NOTE_TAG: note(found, _FOUND)},
         files={_FOUND: found, **tables},
-        failed=any(isinstance(row, FailedLine) for row in finished.scores.rows),
+        failed=any(isinstance(row, FailedLine) for row in finished.rows),
     )
 
 
@@ -100,7 +100,7 @@ def study_params(study: StudyRecord) -> dict[str, str]:
 
 def score_measures(study: FinishedStudy) -> Iterator[Point]:
     """Yield each metric of each training, as `mse/variant 1`; the step is the seed's number."""
-    for row in study.scores.rows:
+    for row in study.rows:
         if isinstance(row, ScoreLine):
             is_noise = study.record.terms is None
             of_training = {"fitness" if is_noise else "validation_loss": row.validation_loss, "epoch": row.epoch}

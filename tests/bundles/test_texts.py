@@ -13,7 +13,7 @@ from tacevo.bundles.open import opened
 from tacevo.bundles.texts import check_texts
 from tacevo.cli.app import main
 from tacevo.errors import BundleError, TacevoError
-from tacevo.results.study_directory import FinishedStudy, studies_of
+from tacevo.results.study_directory import studies_of
 from tacevo.storage.canonical import readable
 from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.zipfiles import packed
@@ -89,11 +89,7 @@ def member(members: Members, name: str) -> str:
 def read_texts(bundle: Path) -> None:
     """Read the run of a bundle and its studies, and compare their texts."""
     place = opened(bundle)
-    studies = [
-        FinishedStudy(path=study.path, record=study.read(), scores=study.read_scores())
-        for study in studies_of(place.folder)
-    ]
-    check_texts(place.read(place.folder), studies)
+    check_texts(place.read(place.folder), [study.read_scores() for study in studies_of(place.folder)])
 
 
 def place_of_refusal(members: Members, target: Path) -> str:

@@ -106,7 +106,7 @@ def test_a_run_by_another_rule(name: str, rule: Fitness, tmp_path: Path, monkeyp
         one.key: read_verdict(Training, "training", one.answer, place=one.key)
         for one in Store(Path("cache"), "evaluations").entries()
     }
-    for row in noise.read_finished().scores.rows:
+    for row in noise.read_finished().rows:
         assert isinstance(row, ScoreLine)
         training = store[row.evaluation]
         assert isinstance(training, Training)

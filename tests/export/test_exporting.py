@@ -77,7 +77,7 @@ def studied(published: Path) -> tuple[tacevo.Run, str]:
 
 def scores(run: tacevo.Run, name: str) -> list[ScoreLine]:
     """Return what the study recorded of a network, by seed."""
-    rows = run.studies[0]._finished.scores.rows
+    rows = run.studies[0]._finished.rows
     return [row for row in rows if isinstance(row, ScoreLine) and row.id == name]
 
 
@@ -312,7 +312,7 @@ def test_what_no_record_names_is_no_record(folder: Path) -> None:
     """The store alone may hold what an export trained; here what a study did, which is deleted."""
     run = tacevo.open("run")
     assert isinstance(run, tacevo.Run)
-    name, rows = str(run.studies[0].networks["id"].iloc[1]), run.studies[0]._finished.scores.rows
+    name, rows = str(run.studies[0].networks["id"].iloc[1]), run.studies[0]._finished.rows
     line = next(line for line in run.recorded.candidates if line.id == name)
     keys = {row.evaluation for row in rows}
     assert keys <= design(run.recorded, line, ExportSettings()).recorded.keys()

@@ -244,7 +244,7 @@ def test_study_that_was_begun_under_its_earlier_name_is_continued(
 
 def test_name_says_which_sensor_and_shots(here: Path) -> None:
     """Behind other settings, too; the shorter name of earlier releases is looked for after it."""
-    header = StudyDirectory(study_on("").path).read_finished().scores.header
+    header = StudyDirectory(study_on("").path).read_finished().header
     other = (("sensor", "TacTip+ViTac+ViTacTip"), ("shots", 10), ("test_sensor", "TacTip"), ("split_seed", 7))
     now, earlier, *_ = study_names(replace(header, other_data=other), searched=True)
     assert "shots-10-test_sensor-TacTip" in now
