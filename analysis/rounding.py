@@ -17,7 +17,7 @@ Halves go the way of the binary number, as Python's `format` rounds. A number th
 
 import re
 
-from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, finite
+from analysis.table import Cell, HalfInteger, Interval, Percent, PercentInterval, PValue, finite
 from tacevo.rounding import SMALLEST, decimals, significant
 
 _MINUS, _DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
@@ -39,13 +39,13 @@ def shown(cell: Cell) -> str:
             text = f"{cell:,}"
         case PValue(value):
             text = "<0.001" if finite(value) < 0.001 else significant(value, 2)
-        case Halves(value):
+        case HalfInteger(value):
             text = f"{finite(value):,.1f}"
         case Percent(value):
             text = f"{finite(value) * 100:.1f} %"
-        case Between(estimate, low, high):
+        case Interval(estimate, low, high):
             text = _interval(estimate, low, high)
-        case PercentBetween(estimate, low, high):
+        case PercentInterval(estimate, low, high):
             low_end, high_end = (f"{finite(value) * 100:.1f}" for value in (low, high))
             text = f"{finite(estimate) * 100:.1f} % [{low_end}, {high_end}]"
         case _:

@@ -16,7 +16,7 @@ class PValue:
 
 
 @dataclass(frozen=True, slots=True)
-class Halves:
+class HalfInteger:
     """A statistic that counts in halves, as U does; shown with one decimal."""
 
     value: float
@@ -30,7 +30,7 @@ class Percent:
 
 
 @dataclass(frozen=True, slots=True)
-class Between:
+class Interval:
     """An estimate between the ends of its interval."""
 
     estimate: float
@@ -43,7 +43,7 @@ class Between:
 
 
 @dataclass(frozen=True, slots=True)
-class PercentBetween:
+class PercentInterval:
     """A fraction with the ends of its interval, shown as percentages."""
 
     estimate: float
@@ -52,7 +52,7 @@ class PercentBetween:
 
 
 #: None is a place that has no value.
-Cell = str | int | float | PValue | Halves | Percent | Between | PercentBetween | None
+Cell = str | int | float | PValue | HalfInteger | Percent | Interval | PercentInterval | None
 
 
 def percent(share: float | None) -> Percent | None:
@@ -73,12 +73,12 @@ def finite(value: float) -> float:
 
 def between(estimate: float, low: float | None, high: float | None) -> Cell:
     """Return the cell of an estimate; without an interval, the value alone."""
-    return estimate if low is None or high is None else Between(estimate, low, high)
+    return estimate if low is None or high is None else Interval(estimate, low, high)
 
 
 def percent_between(estimate: float, low: float | None, high: float | None) -> Cell:
     """Return the cell of a fraction; without an interval, the value alone."""
-    return Percent(estimate) if low is None or high is None else PercentBetween(estimate, low, high)
+    return Percent(estimate) if low is None or high is None else PercentInterval(estimate, low, high)
 
 
 #: The columns of a table by their heads: what of a frame each shows. That is a column's name, or a shape of cells and

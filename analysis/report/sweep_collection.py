@@ -55,15 +55,15 @@ def collect_sweep(
     sweep = load_sweep(path, known)
     check_sweep(sweep)
     _check_arm(sweep, reference)
-    wanted = reference or sweep.terms.reference or REFERENCE
-    measure, runs = measuring(sweep, wanted), [one.run for one in sweep.finished]
+    requested_reference = reference or sweep.terms.reference or REFERENCE
+    measure, runs = measuring(sweep, requested_reference), [one.run for one in sweep.finished]
     niches = load_niches(measure.run if store is None else measure.run.with_store(str(store)))
     common = common_archive(runs, measure.run, niches.networks)
     curves = curves_frame(sweep.finished, common)
     jobs = jobs_frame(sweep.finished, curves)
     ablation = compare_arms(
         jobs,
-        wanted=wanted,
+        requested_reference=requested_reference,
         primary=primary_metric(sweep),
         failed=sweep.failed,
         twins=sweep.twins,
@@ -98,20 +98,20 @@ def _check_arm(sweep: RecordedSweep, reference: str | None) -> None:
         raise ConfigError(repr(reference), place="--reference", expected=expected)
 
 
-def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> FinishedJob:
+def measuring(sweep: RecordedSweep, requested_reference: str = REFERENCE) -> FinishedJob:
     """Choose the job in whose niches all are measured: the first with some over both descriptors, the reference first.
 
     Raises:
         IncomparableError: no job has such niches.
     """
-    for one in sorted(sweep.finished, key=lambda one: one.job.arm != wanted):
+    for one in sorted(sweep.finished, key=lambda one: one.job.arm != requested_reference):
         if one.run.has_niches and one.run.config.archive.axes == PAPER_AXES:
             return one
     raise IncomparableError(
         f"{counted(len(sweep.finished), 'finished job')} without one",
         place=str(sweep.path),
         expected="a finished job with an archive over both descriptors, in whose niches all runs are measured",
-        remedy=f"add the arm {wanted} to the sweep",
+        remedy=f"add the arm {requested_reference} to the sweep",
     )
 
 

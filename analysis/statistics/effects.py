@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.stats import binomtest
 
 from analysis.statistics.samples import Sample, checked
-from analysis.table import Between
+from analysis.table import Interval
 from tacevo.rounding import rounded
 
 #: One less than 10,000, so that the ends of a 95 % interval are the 250th resample from either side.
@@ -28,7 +28,7 @@ LEVEL = 0.95
 EFFECTS = tuple(f"{name}{end}" for name in ("a12", "cliffs_delta", "difference") for end in ("", "_low", "_high"))
 
 
-def median(x: ArrayLike) -> Between:
+def median(x: ArrayLike) -> Interval:
     """Estimate a median with the interval between two values of the sample, equally many from either end.
 
     It is the narrowest of these that holds the median of a continuous distribution with a chance of 95 % at least
@@ -63,13 +63,13 @@ def _confidence(n: int, cut: int) -> float:
     return float(1 - outside / 2**n)
 
 
-def proportion(hits: int, of: int) -> Between:
+def proportion(hits: int, of: int) -> Interval:
     """Return the part of so many trials, at least 1, that hit, with the exact interval (Clopper and Pearson 1934)."""
     ends = binomtest(hits, of).proportion_ci(LEVEL, method="exact")
     return _interval(hits / of, float(ends.low), float(ends.high))
 
 
-def superiority(x: ArrayLike, y: ArrayLike, *, level: float = LEVEL) -> Between:
+def superiority(x: ArrayLike, y: ArrayLike, *, level: float = LEVEL) -> Interval:
     """Estimate P(x < y) + P(x = y) / 2, the chance that one seed of x is better than one of y.
 
     The interval is Newcombe's fifth (2006, Statistics in Medicine 25: 559-573): all chances that lie within z standard
@@ -145,12 +145,12 @@ def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: 
     return _columns(superiority(second, first), interval(difference, differences))
 
 
-def _columns(a12: Between, difference: Between) -> dict[str, float]:
+def _columns(a12: Interval, difference: Interval) -> dict[str, float]:
     delta = _interval(*(2 * end - 1 for end in (a12.estimate, a12.low, a12.high)))
     return a12.columns("a12") | delta.columns("cliffs_delta") | difference.columns("difference")
 
 
-def interval(estimate: float, drawn: Sample) -> Between:
+def interval(estimate: float, drawn: Sample) -> Interval:
     """Return an estimate with the percentile interval of its resamples: equally much is cut off both ends.
 
     Args:
@@ -162,5 +162,5 @@ def interval(estimate: float, drawn: Sample) -> Between:
     return _interval(estimate, float(ends[cut - 1]), float(ends[-cut]))
 
 
-def _interval(estimate: float, low: float, high: float) -> Between:
-    return Between(rounded(estimate), rounded(low), rounded(high))
+def _interval(estimate: float, low: float, high: float) -> Interval:
+    return Interval(rounded(estimate), rounded(low), rounded(high))

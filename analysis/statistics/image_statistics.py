@@ -15,7 +15,7 @@ from scipy.stats import rankdata, wilcoxon
 
 from analysis.statistics.effects import interval
 from analysis.statistics.tests import POWER
-from analysis.table import Between
+from analysis.table import Interval
 from tacevo.rounding import rounded
 
 Floats = NDArray[np.float64]
@@ -66,7 +66,7 @@ def resampled_means(scores: ArrayLike, weights: NDArray[np.int64], *, rng: np.ra
     return np.asarray(sums / (factor * drawn.sum(axis=1) * weights.sum(axis=1)), dtype=np.float64)
 
 
-def mean_difference(x: ArrayLike, y: ArrayLike, drawn_x: Floats, drawn_y: Floats) -> Between:
+def mean_difference(x: ArrayLike, y: ArrayLike, drawn_x: Floats, drawn_y: Floats) -> Interval:
     """Return the difference of two networks' mean scores, with its interval over seeds and images.
 
     Args:

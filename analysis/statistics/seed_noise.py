@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import f, kendalltau
 
 from analysis.statistics.effects import LEVEL, superiority
-from analysis.table import Between
+from analysis.table import Interval
 from tacevo.parts.kinds import FITNESS
 from tacevo.parts.registry import of_settings
 from tacevo.rounding import rounded
@@ -54,7 +54,7 @@ def noise(recorded: ArrayLike, estimates: ArrayLike) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(NOISE)).astype(NOISE)
 
 
-def icc(estimates: ArrayLike) -> Between | None:
+def icc(estimates: ArrayLike) -> Interval | None:
     """Estimate ICC(1): the part of the variance of one training's loss that lies between networks.
 
     With the mean squares MSB between networks and MSW within them it is (MSB - MSW) / (MSB + (S - 1) MSW), and its
@@ -76,11 +76,11 @@ def icc(estimates: ArrayLike) -> Between | None:
     between = seeds * float(logs.mean(axis=1).var(ddof=1))
     within = float(logs.var(axis=1, ddof=1).mean())
     if within == 0:
-        return Between(1.0, 1.0, 1.0) if between > 0 else None
+        return Interval(1.0, 1.0, 1.0) if between > 0 else None
     ratio, tail = between / within, (1 + LEVEL) / 2
     free = networks - 1, networks * (seeds - 1)
     low, high = ratio / float(f.ppf(tail, *free)), ratio * float(f.ppf(tail, *reversed(free)))
-    return Between(*(rounded((value - 1) / (value + seeds - 1)) for value in (ratio, low, high)))
+    return Interval(*(rounded((value - 1) / (value + seeds - 1)) for value in (ratio, low, high)))
 
 
 def expected(recorded: float, estimates: ArrayLike, reliability: float) -> float | None:

@@ -29,7 +29,7 @@ from analysis.statistics.image_statistics import (
 )
 from analysis.statistics.tests import holm
 from analysis.studies.comparison import Verdict
-from analysis.table import Between
+from analysis.table import Interval
 from tacevo.errors import RunError
 from tacevo.randomness import stream
 from tacevo.records import Kind, Mode
@@ -45,7 +45,7 @@ from tacevo.training.full import read_kept, score
 Groups = NDArray[np.int64]
 
 #: Returns the difference of two networks, with its interval over seeds and groups of images.
-Differ = Callable[[str, str], Between]
+Differ = Callable[[str, str], Interval]
 
 
 #: The columns of an interval.

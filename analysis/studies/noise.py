@@ -7,7 +7,7 @@ import pandas as pd
 
 from analysis.statistics.seed_noise import agreement, icc, noise, rankings, worth
 from analysis.studies.reestimates import Reestimates
-from analysis.table import Between
+from analysis.table import Interval
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class SeedNoise:
         return frame
 
     @cached_property
-    def icc(self) -> Between | None:
+    def icc(self) -> Interval | None:
         """The part of the variance of one fitness that is the network's; None where it is not defined."""
         return icc(self.again.estimates)
 

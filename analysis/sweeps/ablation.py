@@ -85,10 +85,10 @@ class Comparability(StrEnum):
 class Ablation:
     """A sweep, compared."""
 
-    #: The arm that others are compared with; None where `wanted` has no finished run.
+    #: The arm that others are compared with; None where `requested_reference` has no finished run.
     reference: str | None
     #: The arm that they are to be compared with.
-    wanted: str
+    requested_reference: str
     #: What they are compared by first; None where the sweep does not state it.
     primary: Metric | None
     #: A row for each finished run (`JOBS`).
@@ -167,7 +167,7 @@ def by_generation(curves: pd.DataFrame, arm: str, metric: Metric) -> NDArray[np.
 def compare_arms(
     jobs: pd.DataFrame,
     *,
-    wanted: str = REFERENCE,
+    requested_reference: str = REFERENCE,
     primary: Metric | None = None,
     failed: Sequence[Job] = (),
     twins: Sequence[tuple[str, str]] = (),
@@ -180,7 +180,7 @@ def compare_arms(
 
     Args:
         jobs: the runs (`JOBS`).
-        wanted: the arm to compare with.
+        requested_reference: the arm to compare with.
         primary: the metric that the sweep states.
         failed: jobs without a run, or without a test score, because they failed. Compared is what an arm comes to with
             them: in tests, effect sizes and differences each counts as worse than any other job. Otherwise an arm would
@@ -189,15 +189,19 @@ def compare_arms(
             and the other is not in Holm's family.
         not_tested: arms that have no test scores, as the sweep states; in these they are in no family, either.
     """
-    names = sorted(dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != wanted)
-    reference = wanted if wanted in set(jobs.arm) else None
+    names = sorted(
+        dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != requested_reference
+    )
+    reference = requested_reference if requested_reference in set(jobs.arm) else None
     shown = [metric for metric in Metric if metric not in TESTED or jobs[metric.name].notna().any()]
-    same, arms = twins_of(wanted, twins), {}
+    same, arms = twins_of(requested_reference, twins), {}
     for metric in shown:
         out = not_tested if metric in TESTED else ()
         lost = [job for job in failed if job.arm not in out]
         arms[metric] = _arms(jobs, metric, names, reference=reference, failed=lost, twins=same, out=out)
-    return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, twins=twins, arms=arms)
+    return Ablation(
+        reference=reference, requested_reference=requested_reference, primary=primary, jobs=jobs, twins=twins, arms=arms
+    )
 
 
 def _values(job: FinishedJob) -> dict[Metric, float | None]:

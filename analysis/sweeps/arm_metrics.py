@@ -24,7 +24,7 @@ class Metric(StrEnum):
     cost = "cost (USD)"
 
 
-#: Of the networks that a job found, trained again (`tacevo.results.tested`), by the metric of the task.
+#: Of the networks that a job found, trained again (`tacevo.results.job_scores`), by the metric of the task.
 TESTS = {"mse": Metric.test_mse, "accuracy": Metric.test_accuracy}
 
 #: All that are of these trainings.

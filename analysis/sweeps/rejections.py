@@ -23,7 +23,7 @@ RATES = {"arm": "str", "against": "str", "metric": "str", "sweeps": "int64", "re
 
 
 def rejection_rates(
-    jobs: pd.DataFrame, *, seeds: int, wanted: str = REFERENCE, twins: Collection[str] = ()
+    jobs: pd.DataFrame, *, seeds: int, requested_reference: str = REFERENCE, twins: Collection[str] = ()
 ) -> pd.DataFrame:
     """Return how often each test rejects at `ALPHA` with so many seeds an arm (`RATES`).
 
@@ -32,14 +32,14 @@ def rejection_rates(
     Args:
         jobs: finished runs (`analysis.sweeps.ablation.JOBS`); seeds that an arm lacks are left out.
         seeds: of each arm in a small sweep, at least 2.
-        wanted: the arm that others are compared with.
+        requested_reference: the arm that others are compared with.
         twins: arms that are one search with it by construction, which nothing tests.
 
     Returns:
-        A row for each metric, and each arm that has values of it: against itself, and against `wanted`, where this has
-        values; none where there are too few seeds.
+        A row for each metric, and each arm that has values of it: against itself, and against `requested_reference`,
+        where this has values; none where there are too few seeds.
     """
-    arms = sorted(dict.fromkeys(jobs.arm), key=lambda arm: arm != wanted)
+    arms = sorted(dict.fromkeys(jobs.arm), key=lambda arm: arm != requested_reference)
     shared = sorted(set.intersection(*(set(jobs.seed[jobs.arm == arm]) for arm in arms)))
     blocks = [shared[start : start + seeds] for start in range(0, len(shared) - seeds + 1, seeds)]
     pairs = list(zip(blocks[::2], blocks[1::2], strict=False))
@@ -48,9 +48,9 @@ def rejection_rates(
     for metric in Metric:
         samples, p = samples_of(jobs, metric), dict[tuple[str, str], list[float]]()
         tested = [arm for arm in arms if arm in samples and arm not in twins]
-        for block in blocks if wanted in tested else []:
+        for block in blocks if requested_reference in tested else []:
             for arm, corrected in _p(samples, searches, {arm: (arm, block) for arm in tested}).items():
-                p.setdefault((arm, wanted), []).append(corrected)
+                p.setdefault((arm, requested_reference), []).append(corrected)
         for arm, (one, other) in product(tested, pairs):
             own = _p(samples, searches, {"one": (arm, one), "other": (arm, other)})
             p.setdefault((arm, arm), []).append(own["other"])

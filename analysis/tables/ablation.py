@@ -11,7 +11,7 @@ from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.ablation import FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
-from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
+from analysis.table import Cell, HalfInteger, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.followed_plan import plan_notes
 from analysis.tables.grammar_note import grammar_note
@@ -79,7 +79,11 @@ def arms_table(sweep: RecordedSweep, ablation: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
     first = next(iter(ablation.arms))
     trivial = [_trivial(sweep, metric) for metric in ablation.arms]
-    equal_to = {Comparability.by_construction: ablation.wanted} if twins_of(ablation.wanted, ablation.twins) else {}
+    equal_to = (
+        {Comparability.by_construction: ablation.requested_reference}
+        if twins_of(ablation.requested_reference, ablation.twins)
+        else {}
+    )
     return Table.of(
         pd.concat({metric.name: frame.reset_index() for metric, frame in ablation.arms.items()}, axis=1),
         {
@@ -195,7 +199,7 @@ def _layout(metric: Metric) -> Layout:
         "seeds": "n",
         "median": (_shape(metric), *_ENDS),
         "runs that differ": "differing",
-        "U": (Halves, "u"),
+        "U": (HalfInteger, "u"),
         "p": (lambda word, p: word if p is None else PValue(p), "comparability", "p"),
         "p, Holm": (PValue, "p_holm"),
         "method": "method",
@@ -245,7 +249,7 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
     if kinds.empty:
         return []
     outside = {Comparability.too_few_seeds, Comparability.by_construction, Comparability.not_tested}
-    reference, family = ablation.wanted, int((~kinds.isin(outside)).sum())
+    reference, family = ablation.requested_reference, int((~kinds.isin(outside)).sum())
     same, level, few = (
         kinds.index[kinds == kind].tolist()
         for kind in (Comparability.identical, Comparability.equal_values, Comparability.too_few_differ)
@@ -295,16 +299,16 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
 def _twin_notes(ablation: Ablation) -> list[str]:
     """Name the arms that are one search by construction, with the reason, and whether their runs are equal."""
     notes = []
-    if same := twins_of(ablation.wanted, ablation.twins):
+    if same := twins_of(ablation.requested_reference, ablation.twins):
         notes.append(
             f"Identical by construction: {listed(same)}. With prompts=uniform nothing is drawn by the "
-            f"record of prompts, which is all that differs from {ablation.wanted}, so these are the same searches "
-            "under another name: known before they ran, not tested, and not counted in Holm's correction."
+            f"record of prompts, which is all that differs from {ablation.requested_reference}, so these are the same "
+            "searches under another name: known before they ran, not tested, and not counted in Holm's correction."
         )
     notes += [
         f"Identical by construction: {one} and {other}, which are tested as two arms."
         for one, other in ablation.twins
-        if not {one, other} <= {ablation.wanted, *same}
+        if not {one, other} <= {ablation.requested_reference, *same}
     ]
     if unequal := ablation.unequal_twins:
         notes.insert(0, divergence(unequal))
@@ -393,8 +397,8 @@ def _reference_note(sweep: RecordedSweep, ablation: Ablation) -> list[str]:
     stated = sweep.terms.reference
     if ablation.reference is None:
         return [
-            f"There is no test: the sweep has no finished run of the arm {ablation.wanted}, which others are compared "
-            "with."
+            f"There is no test: the sweep has no finished run of the arm {ablation.requested_reference}, which others "
+            "are compared with."
         ]
     if ablation.reference != (stated or REFERENCE):
         other = f"the arm {stated}" if stated else "no other than an arm called none"

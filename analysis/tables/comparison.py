@@ -14,7 +14,7 @@ from analysis.studies.ceiling import chance_at
 from analysis.studies.comparison import Verdict, deciding_p, late, of_whole
 from analysis.studies.metric_names import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
-from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
+from analysis.table import Cell, HalfInteger, Interval, Layout, Percent, PercentInterval, PValue, Table
 from analysis.tables.followed_plan import plan_notes
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
@@ -251,7 +251,7 @@ def _spread(values: Sample) -> tuple[float, ...]:
 
 
 #: The columns of a test, and those of the test of equivalence.
-_TEST: Layout = {"U": (Halves, "u"), "p": (PValue, "p"), "p, Holm": (PValue, "p_holm")}
+_TEST: Layout = {"U": (HalfInteger, "u"), "p": (PValue, "p"), "p, Holm": (PValue, "p_holm")}
 _EQUIVALENCE: Layout = {
     "p, equivalence": (PValue, "p_equivalence"),
     "p, equivalence, Holm": (PValue, "p_equivalence_holm"),
@@ -259,20 +259,20 @@ _EQUIVALENCE: Layout = {
 
 #: The columns of effect sizes that have no unit.
 EFFECTS_LAYOUT: Layout = {
-    name: (Between, *(f"{key}{end}" for end in ("", "_low", "_high")))
+    name: (Interval, *(f"{key}{end}" for end in ("", "_low", "_high")))
     for name, key in (("A12", "a12"), ("Cliff's delta", "cliffs_delta"))
 }
 
 
 def scaled(name: str, factor: float) -> tuple[Any, ...]:
     """Return the shape of an interval's column that is multiplied by a factor."""
-    return lambda *ends: Between(*(rounded(factor * end) for end in ends)), name, f"{name}_low", f"{name}_high"
+    return lambda *ends: Interval(*(rounded(factor * end) for end in ends)), name, f"{name}_low", f"{name}_high"
 
 
 def quartiles(values: Sequence[float] | Sample, *, is_share: bool = False) -> Cell:
     """Return the cell of a median between the lower and the upper quartile."""
     low, middle, high = (rounded(float(value)) for value in np.quantile(values, [0.25, 0.5, 0.75]))
-    return (PercentBetween if is_share else Between)(middle, low, high)
+    return (PercentInterval if is_share else Interval)(middle, low, high)
 
 
 def _scale_note(study: RecordedStudy) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from analysis.runs.dynamics import (
 from analysis.runs.lineage import lineage
 from analysis.statistics.effects import LEVEL
 from analysis.studies.reestimates import Reestimates, by_seeds
-from analysis.table import Between, Cell, Layout, Percent, Table, percent
+from analysis.table import Cell, Interval, Layout, Percent, Table, percent
 from analysis.tables.grammar_note import grammar_note
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported, skipped_note
 from tacevo.records import Stage
@@ -200,7 +200,7 @@ def lineage_table(run: RecordedRun, name: str) -> Table:
 
 
 def _productivity_table(run: RecordedRun, name: str, frame: pd.DataFrame, first: Layout) -> Table:
-    rate, (*_, of) = (Between, "rate", "rate_low", "rate_high"), first
+    rate, (*_, of) = (Interval, "rate", "rate_low", "rate_high"), first
     return Table.of(
         frame.reset_index(),
         {**first, "tried": "tried", "trained": "trained", "inserted": "inserted", "inserted / tried": rate},

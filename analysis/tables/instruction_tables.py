@@ -7,7 +7,7 @@ import pandas as pd
 
 from analysis.runs.instruction_effects import instruction_effects, late_shares
 from analysis.statistics.effects import LEVEL
-from analysis.table import Between, Percent, PValue, Table
+from analysis.table import Interval, Percent, PValue, Table
 from analysis.tables.grammar_note import grammar_note
 from tacevo.parts.output import Output
 from tacevo.profile import Profile
@@ -44,7 +44,7 @@ def instructions_table(runs: Sequence[RecordedRun], of: str) -> Table:
     return Table.of(
         effects,
         {"instruction": "name", "requests": "requests", "children": "children"}
-        | {"factor of the loss": (Between, "effect", "effect_low", "effect_high")}
+        | {"factor of the loss": (Interval, "effect", "effect_low", "effect_high")}
         | {"p": (PValue, "p"), "p, Holm": (PValue, "p_holm")}
         | {"share, first half": (Percent, "early"), "share, later half": (Percent, "late")},
         name="instruction_effects",

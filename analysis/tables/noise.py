@@ -10,7 +10,7 @@ from analysis.statistics.effects import LEVEL
 from analysis.studies.corrected import correct
 from analysis.studies.noise import SeedNoise
 from analysis.studies.reestimates import Reestimates
-from analysis.table import Between, Percent, Table
+from analysis.table import Interval, Percent, Table
 from analysis.tables.dynamics import TRIVIAL_LOSS
 from tacevo.evolution.chance import chance_in_words, is_at_chance
 from tacevo.parts.output import Output
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from analysis.report.collection import Collection
 
 #: The column of the chances to beat the baseline.
-BEATS = (Between, "beats", "beats_low", "beats_high")
+BEATS = (Interval, "beats", "beats_low", "beats_high")
 #: The column of the parts of the variance that are the networks'.
-ICC = (Between, "icc", "icc_low", "icc_high")
+ICC = (Interval, "icc", "icc_low", "icc_high")
 
 
 class Noise(Output):
@@ -149,7 +149,7 @@ def _failed_note(again: Reestimates) -> tuple[str, ...]:
     return (f"Left out, because a training with another seed failed: {names}.",) if names else ()
 
 
-def _icc_note(icc: Between | None) -> str:
+def _icc_note(icc: Interval | None) -> str:
     if icc is None:
         return (
             "No ICC, and hence no regression to the mean: it takes two networks, two seeds, and losses above 0 that "

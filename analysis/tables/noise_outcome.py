@@ -4,7 +4,7 @@ from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, superiority
 from analysis.studies.noise import SeedNoise
 from analysis.studies.reestimates import Reestimates
-from analysis.table import Between, Table
+from analysis.table import Interval, Table
 from analysis.tables.noise import BEATS, chance_note
 from tacevo.text import counted, listed
 
@@ -113,7 +113,7 @@ def _left_out(again: Reestimates, unlisted: int) -> tuple[str, ...]:
     )
 
 
-def _icc(icc: Between | None) -> str:
+def _icc(icc: Interval | None) -> str:
     if icc is None:
         return "No ICC: it takes two networks, two seeds, and losses above 0 that differ."
     part = f"{shown(icc)} ({100 * LEVEL:g} % interval)"

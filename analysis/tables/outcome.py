@@ -10,7 +10,7 @@ from analysis.studies.comparison import late, of_whole
 from analysis.studies.metric_names import SHARES, metric_name
 from analysis.studies.reestimates import Reestimates
 from analysis.studies.warnings import Caution, caution_notes
-from analysis.table import Cell, Percent, PercentBetween, Table
+from analysis.table import Cell, Percent, PercentInterval, Table
 from analysis.tables.comparison import score_cell, verdict_in_words
 from tacevo.results.grouped import images_tested
 from tacevo.results.study import RecordedStudy
@@ -95,7 +95,7 @@ def _score(study: RecordedStudy, network: str) -> Cell:
     if len(values) == 1:
         return score_cell(study.primary, float(values[0]))
     middle = median(values)
-    return PercentBetween(*astuple(middle)) if study.primary in SHARES else middle
+    return PercentInterval(*astuple(middle)) if study.primary in SHARES else middle
 
 
 def _ends(seeds: int) -> str:

@@ -7,7 +7,7 @@ import pandas as pd
 from analysis.statistics.effects import LEVEL, RESAMPLES
 from analysis.studies.metric_names import SHARES, metric_name
 from analysis.studies.searches import StudiedSearch, best_by_reestimates
-from analysis.table import Between, PercentBetween, PValue, Table
+from analysis.table import Interval, PercentInterval, PValue, Table
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled, unit_of
 from tacevo.results.grouped import images_tested
 from tacevo.results.study import LOWER_IS_BETTER
@@ -24,7 +24,7 @@ def searches_table(searches: Sequence[StudiedSearch]) -> Table:
     elsewhere += [f"Trained with other settings than the runs': {study.trained_with}."] if study.trained_with else []
     better = "below" if LOWER_IS_BETTER[study.primary] else "above"
     is_share = study.primary in SHARES
-    shape, difference = PercentBetween if is_share else Between, f"difference of medians ({unit_of(study.primary)})"
+    shape, difference = PercentInterval if is_share else Interval, f"difference of medians ({unit_of(study.primary)})"
     return Table.of(
         pd.concat(halves),
         {"chosen by": "by", "search": "search", "candidate": "candidate", "recorded fitness": "fitness"}

@@ -171,8 +171,10 @@ class SpaceTable:
         few = ConfigError(repr(seeds), place="seeds", expected=expected)
         if type(seeds) is not int or seeds < 2:
             raise few
-        twins = twins_of(compared.wanted, compared.twins)
-        rates = rejection_rates(compared.jobs, seeds=seeds, wanted=compared.wanted, twins=twins)
+        twins = twins_of(compared.requested_reference, compared.twins)
+        rates = rejection_rates(
+            compared.jobs, seeds=seeds, requested_reference=compared.requested_reference, twins=twins
+        )
         if not (rates["arm"] == rates["against"]).any():
             raise few
         return rates

@@ -40,7 +40,7 @@ from tacevo.storage.entries import ReadBudget
 from tacevo.storage.files import write_durably
 from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, packed, read_members
 from tacevo.text import as_code, counted, in_markdown
-from tacevo.training.full import FullTraining, Kept
+from tacevo.training.full import FullTraining, StoredPredictions
 from tacevo.training.metrics import metric_names
 from tacevo.typed import parse
 
@@ -74,7 +74,7 @@ def check_size(header: Header, networks: int) -> None:
             epoch=epochs,
             metrics=dict.fromkeys(metric_names(header.data.kind, header.data.names), long),
             confusion=((most,) * classes,) * classes,
-            kept=Kept(predictions=digest, labels=digest),
+            kept=StoredPredictions(predictions=digest, labels=digest),
         ),
     )
     trainings = MOST_OF_A_MEMBER // len(_lines([longest]))

@@ -18,7 +18,7 @@ from tacevo.rounding import rounded
 from tacevo.rules import FIRST_STUDY
 from tacevo.storage.plan_file import SeedPlan
 from tacevo.text import assignments
-from tacevo.training.full import Kept
+from tacevo.training.full import StoredPredictions
 from tacevo.typed import FreeJson
 
 #: Layout of both files.
@@ -142,7 +142,7 @@ class ScoreLine(Record):
     #: On a GPU: whether its steps were recorded once and replayed.
     captured: bool | None = None
     #: None of a noise run, and of studies under the rules before `tacevo.rules.KEPT_SINCE`.
-    kept: Kept | None = None
+    kept: StoredPredictions | None = None
     kind: Literal["score"] = "score"
 
 

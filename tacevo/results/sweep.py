@@ -9,9 +9,9 @@ from pathlib import Path
 from tacevo.config.identity import twins
 from tacevo.errors import RunError
 from tacevo.evolution.run_files import finished_digest
+from tacevo.results.job_scores import FailedTestError, JobScore, job_score
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.sweep_jobs import misfit
-from tacevo.results.tested import FailedTestError, JobScore, job_score
 from tacevo.storage.sweep_directory import UNSTATED, Job, SweepDirectory, SweepTerms
 
 #: The arm that all others are compared with unless the sweep states another: the search as it is.

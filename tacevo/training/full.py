@@ -58,7 +58,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kept(Record):
+class StoredPredictions(Record):
     """Where the test predictions of a full training are, among the arrays of the store: their SHA-256."""
 
     #: Of the chosen epoch, float32, shape (t, K), in the scaled units of training, or logits.
@@ -81,7 +81,7 @@ class FullTraining(Record):
     #: None for regression.
     confusion: Confusion | None
     #: None under the rules before `KEPT_SINCE`.
-    kept: Kept | None = None
+    kept: StoredPredictions | None = None
 
     @property
     def validation_loss(self) -> float:
@@ -264,11 +264,13 @@ def _tested(training: Training, predictions: NDArray[np.float32], setting: Setti
         epoch=_lowest(training) + 1,
         metrics=metrics,
         confusion=counts,
-        kept=Kept(predictions=digest_of(predictions), labels=digest_of(held_out.targets)),
+        kept=StoredPredictions(predictions=digest_of(predictions), labels=digest_of(held_out.targets)),
     )
 
 
-def read_kept(arrays: ArrayStore, kept: Kept, facts: DataFacts) -> tuple[NDArray[np.float32], NDArray[Any]]:
+def read_kept(
+    arrays: ArrayStore, kept: StoredPredictions, facts: DataFacts
+) -> tuple[NDArray[np.float32], NDArray[Any]]:
     """Read the test predictions of a training, and the labels of the test images of its data set.
 
     Returns:

@@ -325,7 +325,9 @@ def test_contrasts_take_the_names_of_terms_and_tables() -> None:
     """Without one, they are of what the sweep states that it is compared by first."""
     arms = {metric: pd.DataFrame() for metric in (Metric.test_accuracy, Metric.qd_score)}
     jobs = pd.DataFrame()
-    stated = Ablation(reference="none", wanted="none", primary=Metric.test_accuracy, jobs=jobs, twins=(), arms=arms)
+    stated = Ablation(
+        reference="none", requested_reference="none", primary=Metric.test_accuracy, jobs=jobs, twins=(), arms=arms
+    )
     assert {metric_of(name, stated) for name in (None, "test_score", "test_accuracy", "test accuracy")} == {
         Metric.test_accuracy
     }

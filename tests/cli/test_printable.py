@@ -11,7 +11,7 @@ from checkout import ROOT
 from PIL import Image
 from rich.console import Console
 
-from analysis.table import Between, Table
+from analysis.table import Interval, Table
 from tacevo.cli.app import main
 from tacevo.cli.tables import print_table, say
 from tacevo.errors import TacevoError
@@ -85,7 +85,7 @@ def test_commands_print_by_one_function() -> None:
 def test_table_on_a_terminal_shows_no_raw_text() -> None:
     """Names, captions and notes may be a stranger's; what rich would take for a style is text, too."""
     file, hostile = io.StringIO(), "[red]\x1b[2J"
-    cells = (hostile, Between(0.5, 0.25, 0.75))
+    cells = (hostile, Interval(0.5, 0.25, 0.75))
     table = Table(name="x", caption=hostile, columns=(hostile, "y"), rows=(cells,), notes=(hostile,))
     print_table(table, Console(file=file, force_terminal=True, color_system=None, width=80))
     assert file.getvalue().count("[red]\\x1b[2J") == 4
@@ -95,7 +95,7 @@ def test_table_on_a_terminal_shows_no_raw_text() -> None:
 
 def test_narrow_terminal_breaks_no_number() -> None:
     """Headings and texts take more lines instead."""
-    file, cells = io.StringIO(), ("undecided (0.19)", Between(0.0138, 0.013, 0.0148), 0.0181)
+    file, cells = io.StringIO(), ("undecided (0.19)", Interval(0.0138, 0.013, 0.0148), 0.0181)
     table = Table(name="x", caption="", columns=("verdict", "test MSE [95 %]", "re-estimated fitness"), rows=(cells,))
     print_table(table, Console(file=file, force_terminal=True, color_system=None, width=50))
     for words in ("undecided", "(0.19)", "0.0138 [0.0130, 0.0148]", "0.0181", "re-estimated"):

@@ -20,7 +20,7 @@ from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict
 from tacevo.training.evaluation import ENTRIES, Evaluator, Examples, Setting
-from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, Kept, assess_chosen, read_kept
+from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, StoredPredictions, assess_chosen, read_kept
 from tacevo.training.numerics import environment
 
 DATA = examples()
@@ -369,7 +369,9 @@ def test_regression_without_its_predictions_is_taken_as_recorded(tmp_path: Path)
 def test_labels_that_are_not_classes_are_refused(classes: list[int], tmp_path: Path) -> None:
     """An index beyond the last class, or before the first, which NumPy would count from the end."""
     arrays = ArrayStore(Store(tmp_path, "arrays"))
-    kept = Kept(predictions=arrays.keep(np.zeros((3, 2), np.float32)), labels=arrays.keep(np.array(classes)))
+    kept = StoredPredictions(
+        predictions=arrays.keep(np.zeros((3, 2), np.float32)), labels=arrays.keep(np.array(classes))
+    )
     with refused(StoreError, expected="class numbers 0 to 1"):
         read_kept(arrays, kept, replace(FACTS, kind=Kind.classification))
 

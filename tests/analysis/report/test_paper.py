@@ -11,7 +11,7 @@ from refusals import refused
 
 from analysis.report.document import ENGINES, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture
-from analysis.table import Between, Percent, PValue, Table
+from analysis.table import Interval, Percent, PValue, Table
 from analysis.tables.rendering import as_latex
 from tacevo.errors import RunError
 
@@ -60,7 +60,7 @@ def test_name_that_latex_would_obey_is_refused(tmp_path: Path) -> None:
 def test_latex_sets_the_document(tmp_path: Path) -> None:
     """Every kind of cell and of character, a table in parts, a figure: the real thing makes a page of it."""
     every = "".join(map(chr, range(32, 127))) + "\N{MINUS SIGN}\N{EN DASH}±\N{MULTIPLICATION SIGN}·≤≥²"
-    cells = ("text " * 20, 1, 0.5, PValue(0.0001), Percent(0.5), Between(0.5, 0.4, 0.6), None, every)
+    cells = ("text " * 20, 1, 0.5, PValue(0.0001), Percent(0.5), Interval(0.5, 0.4, 0.6), None, every)
     wide = Table(name="wide", caption=every, columns=tuple(f"column {place}" for place in range(8)), rows=(cells,))
     narrow = Table(name="narrow", caption="c", columns=("x",), rows=(("[1]",), ("*",)), notes=(every,))
     empty = Table(name="empty", caption="c", columns=("x",), rows=())

@@ -20,7 +20,7 @@ from analysis.runs.dynamics import (
     repeats,
 )
 from analysis.runs.health import alarms
-from analysis.table import Between, Percent
+from analysis.table import Interval, Percent
 from analysis.tables.dynamics import (
     costs_table,
     gate_table,
@@ -237,7 +237,7 @@ def test_band_holds_its_lower_end(temperature: float, band: str) -> None:
     (one,) = by_temperature(run([trained(0, 0), trained(1, 0, temperature=temperature)], [])).itertuples()
     assert (one.name, one.tried) == (band, 1)
     (row,) = temperatures_table(run([trained(0, 0), trained(1, 0, temperature=temperature)], [])).rows
-    assert isinstance(row[4], Between)
+    assert isinstance(row[4], Interval)
 
 
 @pytest.mark.parametrize(

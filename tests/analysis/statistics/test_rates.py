@@ -9,7 +9,7 @@ from scipy.special import ndtri
 from analysis.statistics.effects import effects, median, superiority
 from analysis.statistics.seed_noise import icc
 from analysis.statistics.tests import equivalence, holm, mann_whitney
-from analysis.table import Between
+from analysis.table import Interval
 
 TRIALS = 200
 
@@ -38,7 +38,7 @@ def chosen_by_its_own_seeds_differs(rng: Draw, *, fresh: bool) -> bool:
     return mann_whitney(one, other).p <= 0.05
 
 
-def missed(interval: Between | None, truth: float) -> bool:
+def missed(interval: Interval | None, truth: float) -> bool:
     """Answer whether an interval of 95 % does not hold the truth."""
     return interval is None or not interval.low <= truth <= interval.high
 

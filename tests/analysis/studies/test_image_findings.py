@@ -15,7 +15,7 @@ from studies import study_of
 
 from analysis.statistics.image_statistics import signed_rank
 from analysis.studies.image_findings import Predictions, image_findings, load_predictions
-from analysis.table import Between, Cell, Percent
+from analysis.table import Cell, Interval, Percent
 from analysis.tables.images import image_tables
 from tacevo.errors import CacheMissError, RunError
 from tacevo.results.study import RecordedStudy
@@ -187,7 +187,7 @@ def test_errors_of_an_output_are_in_recorded_units(units: tuple[str, ...], squar
 
 def numbers(cell: Cell) -> list[float]:
     """List a difference and its ends."""
-    assert isinstance(cell, Between)
+    assert isinstance(cell, Interval)
     return [cell.estimate, cell.low, cell.high]
 
 

@@ -14,7 +14,7 @@ from studies import around, network, study_of
 from analysis.report.collection import side_by_side
 from analysis.studies.reestimates import Reestimates
 from analysis.studies.searches import CHOSEN, StudiedSearch, best_by_reestimates
-from analysis.table import Between
+from analysis.table import Interval
 from analysis.tables.rendering import as_markdown
 from analysis.tables.searches import searches_table
 from tacevo.records import Kind
@@ -117,7 +117,7 @@ def test_table_says_what_one_search_each_cannot_show() -> None:
     ]
     assert rows[0]["p, Holm"] is None
     chosen, points = best_by_reestimates([FIRST, SECOND], half=0), rows[1]["difference of medians (percentage points)"]
-    assert isinstance(points, Between)
+    assert isinstance(points, Interval)
     assert (points.low, points.high) == pytest.approx((100 * chosen.difference_low[1], 100 * chosen.difference_high[1]))
     assert any(note.startswith("One search each") for note in table.notes)
     assert "70.5 % [63.5, 77.5]" in as_markdown(table)
@@ -205,7 +205,7 @@ def test_re_estimates_of_the_study_on_the_runs_data_choose() -> None:
         rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
         assert [row["candidate"] for row in rows] == ["grammar1", "model2"] * 2
         lowest = rows[1]["re-estimated"]
-        assert isinstance(lowest, Between)
+        assert isinstance(lowest, Interval)
         assert lowest.estimate == pytest.approx(np.median(LOW[1::2]))
 
 
@@ -236,6 +236,6 @@ def test_error_of_a_regression_is_in_its_own_unit() -> None:
     ]
     table = searches_table(searches)
     difference = dict(zip(table.columns, table.rows[1], strict=True))["difference of medians (MSE)"]
-    assert isinstance(difference, Between)
+    assert isinstance(difference, Interval)
     assert difference.estimate == pytest.approx(-0.2)
     assert any("below 0.5 it is the better one" in note for note in table.notes)

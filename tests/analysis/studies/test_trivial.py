@@ -11,7 +11,7 @@ from studies import study_of
 
 from analysis.statistics.effects import effects_of_constant
 from analysis.studies.comparison import compare
-from analysis.table import Between, Percent
+from analysis.table import Interval, Percent
 from analysis.tables.comparison import effects_table, metrics_table, outputs_table, scores_table, verdicts_table
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
@@ -50,9 +50,9 @@ def test_effects_compare_it_with_the_baseline() -> None:
     ends = binomtest(20, 20).proportion_ci(0.95, method="wilson")
     name, a12, delta, difference = table.rows[-1]
     assert name == "trivial"
-    assert a12 == Between(1, rounded(ends.low), 1)
-    assert delta == Between(1, rounded(2 * ends.low - 1), 1)
-    assert difference == Between(0.205, rounded(0.5 - 0.34), rounded(0.5 - 0.25))
+    assert a12 == Interval(1, rounded(ends.low), 1)
+    assert delta == Interval(1, rounded(2 * ends.low - 1), 1)
+    assert difference == Interval(0.205, rounded(0.5 - 0.34), rounded(0.5 - 0.25))
     assert any("Trivial: looks at no image" in note for note in table.notes)
     silent = study_of({"baseline": seeds, "variant 1": seeds[::-1]})
     assert [row[0] for row in effects_table(silent, compare(silent)).rows] == ["variant 1"]

@@ -211,16 +211,18 @@ def test_few_seeds_are_judged_by_every_arms_least_p() -> None:
 def test_without_the_reference_nothing_is_mann_whitney_of() -> None:
     """Medians and intervals stay."""
     ablation = compare_arms(
-        jobs({"none": NONE, "a": BETTER}), wanted="b"
+        jobs({"none": NONE, "a": BETTER}), requested_reference="b"
     )  # neither `none` nor the first arm replaces it
-    assert (ablation.reference, ablation.wanted) == (None, "b")
+    assert (ablation.reference, ablation.requested_reference) == (None, "b")
     assert all(frame.comparability.isna().all() and frame.better.isna().all() for frame in ablation.arms.values())
     assert ablation.arms[Metric.best_fitness]["median"].tolist() == [0.54, 0.44]
 
 
 def test_any_arm_can_be_the_reference() -> None:
     """A sweep over models has no arm called `none`; the test is against the arm that was wanted."""
-    ablation = compare_arms(jobs({"llm=a": NONE, "llm=b": BETTER, "llm=c": MIXED}), wanted="llm=b")  # comes first
+    ablation = compare_arms(
+        jobs({"llm=a": NONE, "llm=b": BETTER, "llm=c": MIXED}), requested_reference="llm=b"
+    )  # comes first
     assert (ablation.reference, ablation.names) == ("llm=b", ["llm=b", "llm=a", "llm=c"])
     row = contrast(ablation, "llm=a")
     assert (row.p, row.n_arm, row.n_reference) == (mann_whitney(NONE, BETTER).p, 5, 5)
@@ -277,7 +279,7 @@ def test_arm_that_lost_every_job_is_not_the_better_for_it() -> None:
     assert contrast(ablation, "a").p == mann_whitney([9] * 5, [1, 2, 3, 4, 5]).p
     assert contrast(ablation, "a").worse == 5
     assert contrast(ablation, "b").p_holm == pytest.approx(2 * 2 / 252)
-    assert compare_arms(jobs({"none": NONE}), wanted="a", failed=lost).reference is None
+    assert compare_arms(jobs({"none": NONE}), requested_reference="a", failed=lost).reference is None
 
 
 def test_reference_that_lost_jobs_is_not_flattered_either() -> None:
@@ -368,7 +370,7 @@ def test_frames_have_the_documented_columns_and_types_whatever_is_known() -> Non
     """A sweep without a test score, a price or a reference has the columns of one with all; missing is not 0 or ''."""
     none = jobs({"none": NONE, "a": BETTER})
     for wanted in ("none", "nobody"):
-        ablation = compare_arms(none, wanted=wanted)
+        ablation = compare_arms(none, requested_reference=wanted)
         for frame, columns in ((ablation.jobs, JOBS), *((frame, ARMS) for frame in ablation.arms.values())):
             assert {name: str(kind) for name, kind in frame.dtypes.items()} == columns
         assert ablation.jobs.tokens.isna().all()

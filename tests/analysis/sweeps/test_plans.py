@@ -23,8 +23,8 @@ from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.records import Kind, Stage
+from tacevo.results.job_scores import JobScore
 from tacevo.results.sweep import RecordedSweep
-from tacevo.results.tested import JobScore
 from tacevo.storage.plan_file import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining, SweepTerms

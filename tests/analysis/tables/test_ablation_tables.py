@@ -9,13 +9,13 @@ from hand_sweeps import NONE, WORSE, compared, curves_of, finished, jobs_of, run
 
 from analysis.sweeps.ablation import Ablation, compare_arms, jobs_frame
 from analysis.sweeps.arm_metrics import TESTED, Metric
-from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
+from analysis.table import HalfInteger, Interval, Percent, PercentInterval, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, common_note, metric_table, runs_table
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
 from tacevo.config.identity import twins_of
+from tacevo.results.job_scores import JobScore
 from tacevo.results.sweep import FinishedJob, Missing, RecordedSweep
-from tacevo.results.tested import JobScore
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
 
 ARCHIVE = common_note("none-seed0")
@@ -38,21 +38,26 @@ def test_arms_have_a_median_and_its_interval() -> None:
     """Fractions are percentages; five equal seeds have an interval without width."""
     row = dict(zip(arms_table(SWEEP, FOUND, "n").columns, arms_table(SWEEP, FOUND, "n").rows[0], strict=True))
     assert (row["arm"], row["seeds"]) == ("none", 5)
-    assert row["best fitness"] == Between(0.42, 0.40, 0.44)
-    assert row["improvement over the baseline"] == PercentBetween(0.475, 0.45, 0.5)
-    assert row["evaluations"] == Between(2, 2, 2)
-    assert row["tokens"] == Between(15, 15, 15)
-    assert row["cost (USD)"] == Between(0.25, 0.25, 0.25)
+    assert row["best fitness"] == Interval(0.42, 0.40, 0.44)
+    assert row["improvement over the baseline"] == PercentInterval(0.475, 0.45, 0.5)
+    assert row["evaluations"] == Interval(2, 2, 2)
+    assert row["tokens"] == Interval(15, 15, 15)
+    assert row["cost (USD)"] == Interval(0.25, 0.25, 0.25)
 
 
 def test_tested_arm_has_every_column() -> None:
     """Five seeds above five: U 25, p 2 / 252, A12 1; p is Holm's over two arms."""
     row = dict(zip(best().columns, best().rows[2], strict=True))
-    assert (row["arm"], row["U"], row["p"], row["method"]) == ("worse", Halves(25.0), PValue(0.00793650794), "exact")
+    assert (row["arm"], row["U"], row["p"], row["method"]) == (
+        "worse",
+        HalfInteger(25.0),
+        PValue(0.00793650794),
+        "exact",
+    )
     assert row["p, Holm"] == PValue(0.0158730159)
     assert not [note for note in best().notes if "rimary" in note or "econdary" in note]  # the sweep states none
-    assert row["A12"] == Between(1, 0.642702824, 1)
-    assert row["median difference by seed"] == Between(0.1, 0.1, 0.1)
+    assert row["A12"] == Interval(1, 0.642702824, 1)
+    assert row["median difference by seed"] == Interval(0.1, 0.1, 0.1)
     assert (row["seeds better"], row["seeds equal"], row["seeds worse"]) == (0, 0, 5)
 
 
@@ -136,7 +141,7 @@ def test_runs_that_differ_are_counted() -> None:
     sweep, ablation = compared(*jobs_of("none", NONE), *jobs_of("half", (0.40, 0.31, 0.42, 0.33, 0.44)))
     table = best(sweep, ablation)
     row = dict(zip(table.columns, table.rows[1], strict=True))
-    assert (row["seeds"], row["runs that differ"], row["U"]) == (5, 2, Halves(0.0))
+    assert (row["seeds"], row["runs that differ"], row["U"]) == (5, 2, HalfInteger(0.0))
     assert [row[f"seeds {word}"] for word in ("better", "equal", "worse")] == [2, 0, 0]
     assert any(note.startswith("Runs that differ: those that are not the run of none") for note in table.notes)
     assert any("with less: 93.8 % for 5 seeds, 50.0 % for 2 seeds." in note for note in table.notes)
@@ -178,7 +183,7 @@ def test_primary_metric_is_told_and_the_noisy_minimum_is_secondary() -> None:
     sweep, ablation = replace(sweep, terms=STATED), replace(ablation, primary=Metric.test_mse)
     table = metric_table(sweep, ablation, Metric.test_mse, ARCHIVE)
     row = dict(zip(table.columns, table.rows[1], strict=True))
-    assert (row["median"], row["p"]) == (Between(0.052, 0.05, 0.054), PValue(0.00793650794))
+    assert (row["median"], row["p"]) == (Interval(0.052, 0.05, 0.054), PValue(0.00793650794))
     assert table.notes[0].startswith("Primary metric: test MSE, as the sweep stated when it began")
     assert "trained for 9 epochs with 5 fresh seeds." in table.notes[1]
     assert best(sweep, ablation).notes[0].startswith("Secondary metric; the primary one is test MSE.")
@@ -253,7 +258,7 @@ def test_detectable_effect_stands_beside_each_test() -> None:
 def test_reference_that_was_named_afterwards_is_told() -> None:
     """Whoever looks for an arm to beat can find one; a reader has to know."""
     jobs = [*jobs_of("none", NONE), *jobs_of("worse", WORSE)]
-    ablation = compare_arms(compared(*jobs)[1].jobs, wanted="worse")
+    ablation = compare_arms(compared(*jobs)[1].jobs, requested_reference="worse")
     told = "The reference worse was named for this comparison; the sweep itself states"
     assert any(note.startswith(told) for note in best(sweep_of(jobs), ablation).notes)
     stated = replace(sweep_of(jobs), terms=SweepTerms(reference="worse"))

@@ -7,7 +7,7 @@ from checkout import GOLDEN
 from studies import FOUR, around, in_text, study_of, study_of_outputs
 
 from analysis.studies.comparison import compare
-from analysis.table import Between, Percent, PercentBetween
+from analysis.table import Interval, Percent, PercentInterval
 from analysis.tables.comparison import (
     effects_table,
     metrics_table,
@@ -48,11 +48,11 @@ def test_accuracy_has_one_face() -> None:
     """A percentage in scores and metrics, percentage points where it is a difference or a margin."""
     study = study_of({"baseline": [0.5] * 5, "variant 1": [0.9, 0.8, 0.9, 1.0, 1.0]}, kind=Kind.classification)
     comparisons = compare(study)
-    rows = (("accuracy", PercentBetween(0.5, 0.5, 0.5), PercentBetween(0.9, 0.9, 1.0), Percent(0.333333333)),)
+    rows = (("accuracy", PercentInterval(0.5, 0.5, 0.5), PercentInterval(0.9, 0.9, 1.0), Percent(0.333333333)),)
     assert metrics_table(study).rows == rows
     effects = effects_table(study, comparisons)
     assert effects.columns[-1] == "difference of medians (percentage points)"
-    assert effects.rows[0][-1] == Between(40, 30, 50)
+    assert effects.rows[0][-1] == Interval(40, 30, 50)
     assert "a margin of 1.00 percentage points, as" in verdicts_table(study, comparisons).notes[1]
 
 

@@ -10,7 +10,7 @@ from studies import network
 
 from analysis.statistics.seed_noise import agreement, icc, worth
 from analysis.studies.reestimates import Curves, Reestimates
-from analysis.table import Between, Percent
+from analysis.table import Interval, Percent
 from analysis.tables.dynamics import OTHER_SEEDS, improvement_table
 from analysis.tables.noise import noise_table, noise_tables
 from tacevo.results.run import RecordedRun
@@ -45,7 +45,7 @@ def test_record_stands_beside_its_re_estimates() -> None:
     assert (winner["network"], winner["candidate"], winner["recorded fitness"]) == ("variant 1", "g01s00", 0.4)
     assert (winner["re-estimated, median"], winner["least"], winner["most"]) == (0.8, 0.7, 0.9)
     assert (winner["seeds as low as recorded"], winner["recorded less re-estimated"]) == (0, -0.4)
-    assert isinstance(winner["chance to beat the baseline"], Between)
+    assert isinstance(winner["chance to beat the baseline"], Interval)
     assert winner["chance to beat the baseline"].estimate == pytest.approx(0.5 / 9, abs=1e-9)
     assert baseline["chance to beat the baseline"] is None
 

@@ -10,7 +10,7 @@ from analysis.statistics.effects import median
 from analysis.studies.comparison import compare
 from analysis.studies.noise import SeedNoise
 from analysis.studies.reestimates import Reestimates
-from analysis.table import Between, Percent, PValue
+from analysis.table import Interval, Percent, PValue
 from analysis.tables.comparison import scores_table
 from analysis.tables.noise import noise_table
 from analysis.tables.noise_outcome import MOST, noise_outcome
@@ -58,7 +58,7 @@ def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
     }
     for row in rows:
         interval = median(FOUR[str(row["network"])])
-        assert row["test MSE [95 %]"] == Between(interval.estimate, interval.low, interval.high)
+        assert row["test MSE [95 %]"] == Interval(interval.estimate, interval.low, interval.high)
     assert [row[ONE_DRAW] for row in rows] == [0.1] * 5
     assert [row["re-estimated"] for row in rows] == [0.2, 0.4, 0.6, 0.8, 1.0]
 
@@ -170,7 +170,7 @@ def test_noise_run_lists_the_baseline_the_winner_and_the_best_by_re_estimate() -
     winner = dict(zip(table.columns, table.rows[1], strict=True))
     assert winner[ONE_DRAW] == 0.1
     assert (winner["re-estimated"], winner["least"], winner["most"]) == (2.05, 2.0, 2.1)
-    assert isinstance(winner["chance to beat the baseline [95 %]"], Between)
+    assert isinstance(winner["chance to beat the baseline [95 %]"], Interval)
     icc = SeedNoise(again).icc
     assert icc is not None
     assert table.notes[-1].startswith(f"ICC {icc.estimate:.3f} [")

@@ -14,7 +14,7 @@ from rendered import HOSTILE, skeleton
 
 from analysis.report.writing import index_of, write_tables
 from analysis.rounding import shown
-from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table, between
+from analysis.table import Cell, HalfInteger, Interval, Percent, PercentInterval, PValue, Table, between
 from analysis.tables.rendering import LONG, NARROW, WIDE, Notes, Shown, as_csv, as_latex, as_markdown, table_texts
 from tacevo.errors import StoreError
 
@@ -26,7 +26,7 @@ TABLE = Table(
     columns=("network", "median", "p", "A12", "trained", "parameters"),
     rows=(
         ("baseline", 0.0061234, None, None, Percent(0.96), 1_145_411),
-        ("variant_1 | best", 0.00543219, PValue(0.00012), Between(0.8125, 0.65, 0.9375), Percent(1.0), 512),
+        ("variant_1 | best", 0.00543219, PValue(0.00012), Interval(0.8125, 0.65, 0.9375), Percent(1.0), 512),
     ),
     notes=("Two-sided, p < 0.05; 100% of seeds.", "A12 with its 95 % interval."),
 )
@@ -59,16 +59,16 @@ def of_width(characters: int) -> Table:
         (PValue(0.001), "0.0010"),
         (PValue(0.00099), "<0.001"),
         (PValue(0.0), "<0.001"),
-        (Halves(304.5), "304.5"),
-        (Halves(291.5), "291.5"),
-        (Halves(1282.0), "1,282.0"),
+        (HalfInteger(304.5), "304.5"),
+        (HalfInteger(291.5), "291.5"),
+        (HalfInteger(1282.0), "1,282.0"),
         (Percent(0.96), "96.0 %"),
         (Percent(-0.0123), f"{MINUS}1.2 %"),
-        (Between(0.8125, 0.65, 0.9375), "0.812 [0.650, 0.938]"),
-        (Between(-0.0007, -0.0012, 0.0), f"{MINUS}0.00070 [{MINUS}0.00120, 0.00000]"),
-        (Between(0.0, 0.0, 0.0), "0.00 [0.00, 0.00]"),
-        (Between(1e-8, -2.5e-9, 0.0), f"1.00e-08 [{MINUS}2.50e-09, 0.00]"),
-        (PercentBetween(0.96, 0.9421, 0.971), "96.0 % [94.2, 97.1]"),
+        (Interval(0.8125, 0.65, 0.9375), "0.812 [0.650, 0.938]"),
+        (Interval(-0.0007, -0.0012, 0.0), f"{MINUS}0.00070 [{MINUS}0.00120, 0.00000]"),
+        (Interval(0.0, 0.0, 0.0), "0.00 [0.00, 0.00]"),
+        (Interval(1e-8, -2.5e-9, 0.0), f"1.00e-08 [{MINUS}2.50e-09, 0.00]"),
+        (PercentInterval(0.96, 0.9421, 0.971), "96.0 % [94.2, 97.1]"),
     ],
 )
 def test_cell_is_rounded_by_the_rule(cell: Cell, text: str) -> None:
@@ -81,10 +81,10 @@ def test_cell_is_rounded_by_the_rule(cell: Cell, text: str) -> None:
     [
         float("nan"),
         PValue(float("inf")),
-        Halves(float("nan")),
+        HalfInteger(float("nan")),
         Percent(float("nan")),
-        Between(0, 0, float("inf")),
-        PercentBetween(0, 0, float("nan")),
+        Interval(0, 0, float("inf")),
+        PercentInterval(0, 0, float("nan")),
     ],
 )
 def test_what_is_no_number_is_refused_in_every_format(cell: Cell, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from tacevo.records import Kind
 from tacevo.results.study import PRIMARY, RecordedStudy
 from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
-from tacevo.training.full import Kept, score
+from tacevo.training.full import StoredPredictions, score
 
 #: Predictions of each network, by name, float32, shape (S, t, K).
 Networks = Mapping[str, NDArray[np.float32]]
@@ -34,7 +34,7 @@ def study_with(labels: NDArray[Any], networks: Networks) -> tuple[RecordedStudy,
     rows = []
     for row in study.scores:
         metrics, confusion = scores[row.network, row.seed]
-        kept = Kept(predictions=digest_of(networks[row.network][row.seed]), labels=digest_of(labels))
+        kept = StoredPredictions(predictions=digest_of(networks[row.network][row.seed]), labels=digest_of(labels))
         rows.append(replace(row, metrics=metrics, confusion=confusion, kept=kept))
         assert PRIMARY[kind] in metrics
     units = ("N",) * outputs if kind is Kind.regression else ()

@@ -12,7 +12,7 @@ from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.results.space_table import write_table
 from tacevo.results.table_records import SpaceTable, TableTraining
 from tacevo.studies.tabulate import header_of, members, network_of
-from tacevo.training.full import FullTraining, Kept
+from tacevo.training.full import FullTraining, StoredPredictions
 from tacevo.training.metrics import counted_metrics
 
 #: A space of eight networks, which a table holds beside the baseline's file.
@@ -85,6 +85,6 @@ def _training(row: int, seed: int, epochs: int, *, failed: bool) -> TableTrainin
             epoch=epoch,
             metrics={"cross_entropy": min(curve), **counted_metrics(confusion)},
             confusion=confusion,
-            kept=Kept(predictions=digest, labels="f" * 64),
+            kept=StoredPredictions(predictions=digest, labels="f" * 64),
         ),
     )

@@ -14,11 +14,11 @@ from studies import study_of
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.records import Reason, Stage
+from tacevo.results.job_scores import FailedTestError, JobScore, _score, job_score
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_directory import StudyDirectory, is_stated
 from tacevo.results.study_lines import Design, FailedLine
-from tacevo.results.tested import FailedTestError, JobScore, _score, job_score
 from tacevo.storage.sweep_directory import Retraining
 
 #: What the study of the `published` run is.
