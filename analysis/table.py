@@ -51,7 +51,7 @@ class PercentInterval:
     high: float
 
 
-#: None is a place that has no value.
+#: The value of a cell; None where it is empty.
 Cell = str | int | float | PValue | HalfInteger | Percent | Interval | PercentInterval | None
 
 
@@ -81,8 +81,9 @@ def percent_between(estimate: float, low: float | None, high: float | None) -> C
     return Percent(estimate) if low is None or high is None else PercentInterval(estimate, low, high)
 
 
-#: The columns of a table by their heads: what of a frame each shows. That is a column's name, or a shape of cells and
-#: the columns it takes; where the first of these is missing, so is the cell, and each other is None where it is.
+#: The columns of a table by their heads. A column shows a column of the frame, by its name; or it makes each cell by a
+#: function, which is given with the names of the frame's columns that it takes. Where the first of these values is
+#: missing, the cell is empty; another missing value is given as None.
 Layout = Mapping[str, str | tuple[Any, ...]]
 
 
@@ -90,7 +91,7 @@ Layout = Mapping[str, str | tuple[Any, ...]]
 class Table:
     """Rows under named columns."""
 
-    #: Of its files, e.g. `study_force`.
+    #: The name of its files, e.g. `study_force`.
     name: str
     caption: str
     #: Plain text, e.g. `test MSE`.
@@ -99,7 +100,7 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     #: Sentences below it.
     notes: tuple[str, ...] = ()
-    #: Of the question that it answers (`analysis.report.writing`); where none is given, its name without a study's.
+    #: The kind of question that it answers (`analysis.report.writing`): its name without a study's where none is given.
     kind: str = ""
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Where the candidates of a run lie in behaviour space, under the bounds that its archive ended with."""
+"""The places of a run's candidates in behaviour space, under the bounds that its archive ended with."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ AXES = {"arch_div": ("ArchDiv", "Architectural Diversity"), "eff_ratio": ("EffRa
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CoverageMap:
-    """What was found about a run's trained candidates, in the order of the run."""
+    """The places of a run's trained candidates, in the order of the run, and what moved the bounds."""
 
     #: Normalised descriptors, shape (candidates, axes), in [0, 1].
     points: NDArray[np.float64]

@@ -23,7 +23,7 @@ from tacevo.rounding import DIGITS
 #: The part of the whole improvement that counts as most of it.
 MOST = 0.9
 
-#: By when the paper had most of its improvement (within the first 7 to 10 generations).
+#: The generation by which the paper had most of its improvement (within the first 7 to 10 generations).
 PUBLISHED_GENERATIONS = (7, 10)
 
 #: Bands of equal width over the temperatures [0, 1]; one is as wide as the noise of a request's temperature is on
@@ -31,7 +31,7 @@ PUBLISHED_GENERATIONS = (7, 10)
 BANDS = 10
 
 
-#: What the ledger line of a generation says; losses are missing before anything was trained.
+#: The columns that the ledger line of a generation gives; losses are missing before anything was trained.
 _LINE = (
     {"temperature": "float64", "next_temperature": "float64", "candidates": "int64", "trained": "int64"}
     | dict.fromkeys(("repaired", "skipped"), "Int64")

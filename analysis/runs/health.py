@@ -49,7 +49,7 @@ REJECTED = 0.2
 #: does more than it was asked to takes longer.
 UNEXPLAINED = 5.0
 
-#: So many trainings show what is usual.
+#: The fewest trainings that show what is usual.
 _USUAL = 5
 
 #: Generations at a limit after which the temperature no longer counts as moving.
@@ -59,11 +59,11 @@ STUCK = 3
 class Alarm(NamedTuple):
     """One thing that may be wrong."""
 
-    #: What it is about, e.g. `few reachable niches`.
+    #: The subject of the alarm, e.g. `few reachable niches`.
     name: str
-    #: What was found and why that matters, for a person.
+    #: The finding and why it matters, for a person.
     sentence: str
-    #: Those behind it, by name.
+    #: The figures behind it, by name.
     figures: Mapping[str, float]
 
 

@@ -1,4 +1,4 @@
-"""Where a network comes from: its ancestors, step by step, back to the baseline."""
+"""The ancestors of a network, step by step, back to the baseline."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""What accuracy costs: the trained candidates of a run beside their costs, and its hypervolume by generation.
+"""The price of accuracy: the trained candidates of a run beside their costs, and its hypervolume by generation.
 
 A fitness is a validation loss, so it is lower-is-better, as a cost is.
 """
@@ -16,10 +16,10 @@ from tacevo.rounding import rounded
 #: words, and how many trainings it is the median of; the costs.
 PARETO = {"fitness": "float64", "estimate": "str", "draws": "Int64", "parameters": "Int64", "flops": "Int64"}
 
-#: What stands in `estimate` where a study or a noise run gave the fitness.
+#: The value of `estimate` where a study or a noise run gave the fitness.
 REESTIMATED = "re-estimated"
 
-#: What stands there elsewhere: the search trained a candidate once.
+#: The value of `estimate` elsewhere: the search trained a candidate once.
 ONE_DRAW = "one draw"
 
 

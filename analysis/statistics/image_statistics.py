@@ -20,7 +20,8 @@ from tacevo.rounding import rounded
 
 Floats = NDArray[np.float64]
 
-#: Of images and seeds together: one less than 2,000, so that the ends of a 95 % interval are the 50th from either side.
+#: The bootstrap samples of images and seeds together: one less than 2,000, so that the ends of a 95 %
+#: interval are the 50th from either side.
 IMAGE_RESAMPLES = 1_999
 
 #: Sums of whole numbers of at most this many bits are exact in floating point, in whatever order they are added.

@@ -26,12 +26,12 @@ from statsmodels.stats.multitest import multipletests
 from analysis.statistics.samples import Sample, checked
 from tacevo.rounding import DIGITS, rounded
 
-#: What the test looks for: values of the first sample that differ from, or lie above or below, the second's.
+#: The alternative of a test: values of the first sample differ from, or lie above or below, the second's.
 Alternative = Literal["two-sided", "greater", "less"]
 
 
 class Method(StrEnum):
-    """How a p came about; the values are what a table says."""
+    """The way in which a p was computed; the values are the words of a table."""
 
     #: Every arrangement of the ranks, counted.
     exact = "exact"
@@ -43,11 +43,11 @@ class Method(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MannWhitney:
-    """What the test found."""
+    """The result of the test."""
 
     #: Pairs (x, y) with x > y, where x = y counts a half; in [0, n m].
     u: float
-    #: In (0, 1].
+    #: The p-value, in (0, 1].
     p: float
     method: Method
 
@@ -230,7 +230,7 @@ def _decimals(values: Sample) -> int:
     return DIGITS - 1 - int(f"{np.abs(values).max():e}".partition("e")[2])
 
 
-#: Of the smallest effect that a test detects.
+#: The power with which a test finds the smallest effect that it detects.
 POWER = 0.8
 
 

@@ -1,4 +1,4 @@
-"""What no network can exceed on the data of a study, where that can be computed: gratings that are simulated."""
+"""The accuracy that no network can exceed on the data of a study, where that can be computed: simulated gratings."""
 
 from typing import Any
 

@@ -28,7 +28,7 @@ from tacevo.rounding import rounded
 
 
 class Verdict(StrEnum):
-    """What a comparison says of a variant."""
+    """The verdict of a comparison on a variant."""
 
     #: A difference was shown, in the variant's favour.
     better = "better"

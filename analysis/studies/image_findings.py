@@ -1,4 +1,4 @@
-"""What the test images say of a study's networks: ensembles of the seeds, and the variants on each output.
+"""Findings on a study's networks from its test images: ensembles of the seeds, and the variants on each output.
 
 The verdicts of `analysis.studies.comparison` resample seeds only: they hold for these test images. Here images are
 resampled with the seeds, and the ensembles of the seeds, which are the networks as one would use them, are compared on
@@ -75,9 +75,10 @@ ImageFindings = tuple[pd.DataFrame, pd.DataFrame]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Predictions:
-    """What every network of a study predicts for the t test images under each of its S seeds."""
+    """The predictions of every network of a study for the t test images, under each of its S seeds."""
 
-    #: By network, in the order of the study, float32, shape (S, t, K), in the scaled units of training, or logits.
+    #: The predictions by network, in the order of the study: float32, shape (S, t, K), in the scaled units of training,
+    #: or logits.
     of: Mapping[str, NDArray[np.float32]]
     #: Float32, shape (t, K), in the same units; of a classification int64, shape (t,).
     labels: NDArray[Any]

@@ -1,4 +1,4 @@
-"""What the recorded fitnesses of a run are worth, by the re-estimates of one of its studies or noise runs."""
+"""The worth of a run's recorded fitnesses, by the re-estimates of one of its studies or noise runs."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ from analysis.table import Interval
 
 @dataclass(frozen=True, eq=False)
 class SeedNoise:
-    """What re-estimates say of the fitnesses that a run recorded."""
+    """The noise of the fitnesses that a run recorded, by their re-estimates."""
 
     again: Reestimates
 
@@ -36,12 +36,12 @@ class SeedNoise:
 
     @property
     def rankings(self) -> pd.DataFrame | None:
-        """How the networks rank after each epoch, beside their test scores (`RANKINGS`); None without curves."""
+        """The ranking of the networks after each epoch, beside their test scores (`RANKINGS`); None without curves."""
         curves = self.again.curves
         return None if curves is None else rankings(curves.fitness, curves.tested)
 
     @property
     def worth(self) -> pd.DataFrame | None:
-        """What a fitness after the search's epochs is worth by each rule (`WORTH`); None without curves."""
+        """The worth of a fitness after the search's epochs, by each rule (`WORTH`); None without curves."""
         curves = self.again.curves
         return None if curves is None else worth(curves.losses[:, :, : self.again.epochs], curves.tested)

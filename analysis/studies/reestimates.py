@@ -27,7 +27,7 @@ from tacevo.training.full import FullTraining
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curves:
-    """What a study recorded of its trainings beside the fitness: of n networks, S >= 2 seeds and E epochs."""
+    """The losses, fitnesses and test scores that a study recorded, for n networks, S >= 2 seeds and E epochs."""
 
     #: The validation loss of each epoch, shape (n, S, E).
     losses: NDArray[np.float64]
@@ -39,33 +39,33 @@ class Curves:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reestimates:
-    """What a study or a noise run recorded of the fitnesses of its run under other seeds."""
+    """The fitnesses of a run's networks under other seeds, as a study or a noise run recorded them."""
 
-    #: Of its directory.
+    #: The name of its directory.
     name: str
     #: The baseline first; those that every seed trained.
     networks: tuple[StudyNetwork, ...]
     #: The re-estimates of each of them, seed by seed.
     estimates: tuple[tuple[float, ...], ...]
-    #: Of the search's trainings.
+    #: The epochs of the search's trainings.
     epochs: int
-    #: None of a noise run, which tests nothing, and of one seed, which cannot stand on two sides.
+    #: None for a noise run, which tests nothing, and for one seed, which cannot stand on two sides.
     curves: Curves | None = None
     #: The others, with which some seed failed; never the baseline.
     failed: tuple[StudyNetwork, ...] = ()
-    #: What a fitness is of the losses of its training.
+    #: The rule by which a fitness follows from the losses of a training.
     rule: str = "last"
-    #: Whether they were looked up in a table, which has no more seeds than were recorded.
+    #: True where they were looked up in a table, which has no more seeds than were recorded.
     looked_up: bool = False
 
     @property
     def kind(self) -> str:
-        """What it is, in words."""
+        """The kind of record, in words."""
         return "noise run" if self.curves is None else "study"
 
     @property
     def fitness(self) -> str:
-        """What a fitness is, in words."""
+        """The meaning of a fitness, in words."""
         epochs = counted(self.epochs, "epoch")
         match self.rule:
             case "last":

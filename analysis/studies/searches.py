@@ -26,10 +26,10 @@ LEAST_SEEDS = 4
 class StudiedSearch:
     """A search with its study."""
 
-    #: Of the run.
+    #: The name of the run.
     name: str
     study: RecordedStudy
-    #: Of the study's networks, on the run's data.
+    #: The re-estimates of the study's networks, on the run's data.
     reestimates: Reestimates
 
 

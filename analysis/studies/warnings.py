@@ -1,4 +1,4 @@
-"""What to beware of when a comparison is read: assumptions that a pair of samples, or a study, does not meet."""
+"""Warnings for the reader of a comparison: assumptions that a pair of samples, or a study, does not meet."""
 
 from collections.abc import Callable, Iterable
 from enum import StrEnum
@@ -17,7 +17,7 @@ from tacevo.text import counted, listed
 #: apart about once in twenty.
 SPREADS = 2.0
 
-#: What a test of too few values detects.
+#: The effects that a test of too few values detects, in words.
 _NOTHING = "no effect at all"
 _NEAR_SEPARATION = "effects near full separation only, since Noether's formula gives none for so few"
 

@@ -1,1 +1,1 @@
-"""What sweeps recorded, and how arms compare."""
+"""Sweeps: their arms, compared; their pilots and plans."""

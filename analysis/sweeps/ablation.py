@@ -33,7 +33,7 @@ from tacevo.storage.sweep_directory import Job
 #: Below this many seeds there is neither an interval nor a test.
 FEWEST_SEEDS = 2
 
-#: What is known of a run after each generation.
+#: The metrics that are known of a run after each generation.
 CURVES = (Metric.best_fitness, Metric.qd_score, Metric.coverage)
 
 QUARTILES = (0.25, 0.5, 0.75)
@@ -64,7 +64,7 @@ ARMS = (
 
 
 class Comparability(StrEnum):
-    """Whether there is anything to test between two arms; the values are what a table says."""
+    """The reason for which two arms are tested against each other, or not; the values are the words of a table."""
 
     comparable = "comparable"
     #: Their settings differ in nothing that a search draws by.
@@ -89,13 +89,13 @@ class Ablation:
     reference: str | None
     #: The arm that they are to be compared with.
     requested_reference: str
-    #: What they are compared by first; None where the sweep does not state it.
+    #: The metric that they are compared by first; None where the sweep does not state it.
     primary: Metric | None
     #: A row for each finished run (`JOBS`).
     jobs: pd.DataFrame
     #: Pairs of arms that are one search by construction.
     twins: Sequence[tuple[str, str]]
-    #: By metric, those that are shown: a row for each arm, the reference first (`ARMS`).
+    #: A frame for each metric that is shown: a row for each arm, the reference first (`ARMS`).
     arms: Mapping[Metric, pd.DataFrame]
 
     @property

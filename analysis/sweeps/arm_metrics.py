@@ -1,10 +1,10 @@
-"""What the runs of a sweep are measured by, and which way each measure is better."""
+"""The metrics of a sweep's runs, and which way each is better."""
 
 from enum import StrEnum
 
 
 class Metric(StrEnum):
-    """What a run is measured by; the values are what a table says."""
+    """A metric of a run; the values are the words of a table."""
 
     test_mse = "test MSE"
     test_accuracy = "test accuracy"
@@ -24,7 +24,7 @@ class Metric(StrEnum):
     cost = "cost (USD)"
 
 
-#: Of the networks that a job found, trained again (`tacevo.results.job_scores`), by the metric of the task.
+#: The metrics of the networks that a job found, trained again (`tacevo.results.job_scores`), by the metric of the task.
 TESTS = {"mse": Metric.test_mse, "accuracy": Metric.test_accuracy}
 
 #: All that are of these trainings.

@@ -22,13 +22,13 @@ from tacevo.rounding import rounded
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommonArchive:
-    """What all runs are measured in."""
+    """The archive in which all runs are measured."""
 
     tessellation: Tessellation
     bounds: AxisBounds
-    #: Of the Efficiency Ratio.
+    #: The scale of the Efficiency Ratio.
     scale: Scale
-    #: Whether the bounds are a setting, and no candidate's.
+    #: True where the bounds are a setting, and not those of candidates.
     fixed: bool
 
 

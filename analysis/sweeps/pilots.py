@@ -1,4 +1,4 @@
-"""What finished studies and sweeps say for the plan of the next one: how its values will spread, and what they cost."""
+"""Finished studies and sweeps as pilots of the next one: how its values will spread, and what they will cost."""
 
 import math
 from collections.abc import Hashable, Sequence
@@ -30,12 +30,12 @@ RECALLED = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pilot:
-    """What one or several pilots say."""
+    """The spread and the costs that one or several pilots show."""
 
     kind: Literal["study", "sweep"]
     task: str
     metric: Measure
-    #: Of one value, of logarithms for an error: a training seed of a study, a job of a sweep.
+    #: The spread of one value, of its logarithm for an error: a training seed of a study, a job of a sweep.
     spread: Spread
     #: The deviation of a job's networks over their training seeds; 0 of a study, and where jobs were not tested.
     within: float
@@ -45,11 +45,11 @@ class Pilot:
     elites: int = 1
     #: Variants of a study, or arms beside the reference; at least 1.
     comparisons: int
-    #: Of each full training; None where there are none.
+    #: The epochs of each full training; None where there is none.
     epochs: int | None
-    #: Of all trainings of one search, the largest; 0 of a study.
+    #: The epochs of all trainings of one search, of the largest one; 0 for a study.
     search_epochs: int
-    #: Of one epoch on one worker; None where no run recorded a training's time.
+    #: The seconds of one epoch on one worker; None where no run recorded a training's time.
     seconds: float | None
     #: Digests of its runs.
     runs: tuple[str, ...]
@@ -60,7 +60,7 @@ class Pilot:
 
     @property
     def is_all_noise(self) -> bool:
-        """Whether the noise of its trainings alone would spread its jobs as widely as they are spread."""
+        """True where the noise of its trainings alone would spread its jobs as widely as they are spread."""
         return self.tested >= self.spread.deviation
 
     @property

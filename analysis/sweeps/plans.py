@@ -32,7 +32,7 @@ WAYS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wish:
-    """What is to be found; `tacevo.storage.plan_file.SeedPlan` says more of each."""
+    """The effect that is to be found; `tacevo.storage.plan_file.SeedPlan` says more of each field."""
 
     effect: float
     alpha: float
@@ -53,7 +53,7 @@ class Planned:
 
     @property
     def plan(self) -> SeedPlan | None:
-        """What plan.json holds."""
+        """The content of plan.json."""
         if self.chosen is None:
             return None
         way = self.ways.loc[self.chosen].to_dict()

@@ -1,4 +1,4 @@
-"""What the networks that a job found are worth: its test scores in the studies that its sweep stated beforehand.
+"""The test scores of the networks that a job found, in the studies that its sweep stated beforehand.
 
 The fitness that a search ends with is the lowest of many draws. This is one value a job of another kind: the networks
 with the best fitness are trained again with K fresh seeds each, and what they score stands for the job.
@@ -28,21 +28,21 @@ _Scores = tuple[tuple[float, ...], ...]
 class JobScore:
     """The test scores of what a job found."""
 
-    #: Of its task: `mse` or `accuracy`.
+    #: The primary metric of its task: `mse` or `accuracy`.
     metric: str
-    #: The ids of the networks, best first, as many as stated: the baseline's is one where no more others are better,
-    #: and has each place that no other takes.
+    #: The ids of the networks, best first, as many as the sweep states. The baseline is one of them where it is among
+    #: the best; where the job found too few networks, its id is repeated until there are enough.
     networks: tuple[str, ...]
-    #: That metric of the test images, by network, then training seed.
+    #: The metric over the test images, for each network, then for each training seed.
     values: _Scores
-    #: The loss of training, MSE or cross-entropy (nats), of the test images likewise.
+    #: The loss of training, MSE or cross-entropy (nats), over the test images, in the same order.
     losses: _Scores
-    #: Trainings whose best epoch lies in the last tenth.
+    #: The number of trainings whose best epoch lies in the last tenth.
     late: int
-    #: Places among the networks that the baseline has because no other is there.
+    #: How often the baseline stands for a network that the job did not find.
     lacking: int = 0
-    #: What a predictor scores that looks at no image, by metric; empty where the study's scores do not tell, and equal
-    #: but for the last digits in all studies on the same data.
+    #: The score of a predictor that looks at no image, by metric; empty where the study's scores do not tell it. All
+    #: studies on the same data have the same one, but for the last digits.
     trivial: Mapping[str, float] = field(default_factory=dict, compare=False)
 
     @property
@@ -58,7 +58,7 @@ class JobScore:
 
 
 class FailedTestError(RunError):
-    """What a job found did not train with every seed of its test; that is a result, and not a gap."""
+    """A network that a job found did not train with every seed of its test; that is a result, and not a gap."""
 
 
 def job_score(run: RecordedRun, stated: Retraining) -> JobScore:

@@ -36,7 +36,7 @@ def _named(value: str) -> str:
     return re.sub(r"[^\s,\[\]'\"]+\.py\\?:(\w+)", r"\1", value)
 
 
-#: Settings that are paths, and what is published of them.
+#: Settings that are paths, with the function that shortens each for publication.
 _PATHS: Mapping[str, Callable[[str], str]] = {
     **{kind.setting: _named for kind in DECIDING},
     "data.root": last_part,
@@ -51,7 +51,7 @@ _PATHS: Mapping[str, Callable[[str], str]] = {
 }
 
 
-#: What is published of settings that say where a run lies, or what tracks it.
+#: The published values of settings that say where a run lies, or what tracks it.
 _ANYWHERE: Mapping[str, Mapping[str, Json]] = {
     "llm": {"base_url": None},
     "tracking": {"kind": "none", "uri": ""},

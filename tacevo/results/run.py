@@ -51,7 +51,7 @@ from tacevo.storage.run_directory import FinishedDirectory, RunDirectory, RunRec
 from tacevo.storage.store import place_of
 from tacevo.text import counted, listed
 
-#: How many of the best networks tables and figures look at, as the paper does.
+#: The number of best networks that tables and figures look at, as the paper does.
 TOP = 4
 
 
@@ -63,19 +63,19 @@ class RecordedRun:
     """
 
     directory: RunDirectory
-    #: What run.json holds.
+    #: The content of run.json.
     record: RunRecord
-    #: As this machine may use it, see `tacevo.results.settings`.
+    #: The configuration as this machine may use it, see `tacevo.results.settings`.
     config: RunConfig
     #: Checked; of a finished run with at least one generation, and nothing after the last one.
     ledger: Sealed[Line]
     #: Its files, as they were read; None where the archives followed from the ledger.
     archives: tuple[NetworkArchiveFile, PromptFile] | None = None
-    #: Of the network archive.
+    #: The elites of the network archive.
     elites: tuple[EliteEntry, ...] = ()
-    #: Of the prompt archive.
+    #: The trials of the prompt archive.
     prompt_trials: tuple[TrialEntry, ...] = ()
-    #: Whether its stores keep the test predictions of its studies; those of a published sweep do not.
+    #: True where its stores keep the test predictions of its studies; those of a published sweep do not.
     has_predictions: bool = True
     #: The entries of its bundle; None where its stores are the directory that the configuration names.
     packed: Path | None = None
@@ -97,7 +97,7 @@ class RecordedRun:
 
     @property
     def stores(self) -> Path:
-        """Where its recorded answers are."""
+        """The directory of its stores, which hold its recorded answers."""
         return self.packed or Path(self.config.store.root)
 
     @cached_property
@@ -108,7 +108,7 @@ class RecordedRun:
 
     @cached_property
     def without_stores(self) -> str:
-        """That its stores are not where they are looked for, in words; empty where they hold what it trained first."""
+        """A sentence that its stores are not where they are looked for; empty where they hold its first training."""
         known = next((line.evaluation for line in self.trained if line.evaluation is not None), None)
         if known is None or (self.stores / place_of("evaluations", known)).exists():
             return ""
@@ -130,7 +130,7 @@ class RecordedRun:
 
     @property
     def stores_found(self) -> str:
-        """Where its stores were found, in words; empty where that is the name that it recorded."""
+        """A line on where its stores were found; empty where that is the name that it recorded."""
         recorded = value_at(self.record.config, ("store", "root"))
         return "" if self.packed or recorded == str(self.stores) else f"stores: {self.stores} (recorded as {recorded})"
 
@@ -166,12 +166,12 @@ class RecordedRun:
 
     @cached_property
     def rules(self) -> Rules:
-        """What it was made under."""
+        """The numbers of the rules that it was made under."""
         return rules_of(self.ledger.lines)
 
     @property
     def bounds(self) -> AxisBounds | None:
-        """What the archive ended with; None where nothing was trained, or there are no niches."""
+        """The bounds that the archive ended with; None where nothing was trained, or there are no niches."""
         return self.generations[-1].bounds
 
     @property
@@ -221,7 +221,7 @@ class RecordedRun:
 
     @cached_property
     def spent(self) -> Mapping[str, Spending]:
-        """What the answers of a candidate cost, by its id, as far as timings.jsonl has it."""
+        """The cost of the answers of a candidate, by its id, as far as timings.jsonl has it."""
         return self.directory.read_spending()
 
     @cached_property
@@ -231,29 +231,29 @@ class RecordedRun:
 
     @property
     def training_flops(self) -> int:
-        """What its trainings took in FLOPs, as its budget counts them (`tacevo.evolution.lines.training_flops`)."""
+        """The FLOPs of its trainings, as its budget counts them (`tacevo.evolution.lines.training_flops`)."""
         images, training = self.record.data.counts[0], self.config.training
         trained = trained_networks(self.candidates)
         return training_flops(trained, images=images, epochs=training.epochs)
 
     @property
     def has_prompts(self) -> bool:
-        """Whether it has a prompt archive."""
+        """True where it has a prompt archive."""
         return constant(self.config, PROMPTS, "records")
 
     @property
     def has_niches(self) -> bool:
-        """Whether its network archive keeps the best of every niche, and not the best of all."""
+        """True where its network archive keeps the best of every niche, and not the best of all."""
         return constant(self.config, ARCHIVES, "has_niches")
 
     @property
     def places(self) -> int:
-        """How many networks its archive can hold: one for each niche, or place."""
+        """The most networks that its archive can hold: one for each niche, or `archive.kept`."""
         return self.config.archive.niches if self.has_niches else self.config.archive.kept
 
     @property
     def model(self) -> str:
-        """What answered; where another server than the provider's did, whose word that name is."""
+        """The name of the model that answered; where another server answered, the text says whose word the name is."""
         llm = self.config.llm
         if not self.record.elsewhere:
             return llm.name
@@ -262,7 +262,7 @@ class RecordedRun:
 
     @property
     def shortfall(self) -> str:
-        """That it learned or found nothing, and what to raise (`tacevo.evolution.chance`); empty where it did."""
+        """A warning that it learned or found nothing, with what to raise (`tacevo.evolution.chance`); else empty."""
         best, known = self.generations[-1].best, self.fitness.get(self.baseline.id)
         if best is None:
             return ""

@@ -96,7 +96,7 @@ def settings_of(directory: RunDirectory) -> RunConfig:
     return read_settings(directory, directory.read_run())
 
 
-#: In a line of a ledger, the key of a training, which its store has under this name.
+#: The key of a training in a line of a ledger; the store has the training under this name.
 _EVALUATION = re.compile(rb'"evaluation":"([0-9a-f]{64})"')
 
 

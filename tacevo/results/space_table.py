@@ -258,7 +258,7 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-#: Where tables lie below a working directory, or a checkout.
+#: The directory of tables below a working directory, or a checkout.
 TABLES = Path("cache", "tables")
 
 

@@ -23,24 +23,25 @@ MOST = 6
 
 _AGAIN = "delete its directory; `tacevo study` writes it again from the store"
 
-#: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
+#: The metric that a study is judged by: the paper's test metric of each kind of task.
 PRIMARY = {Kind.regression: "mse", Kind.classification: "accuracy"}
 
 #: The test metric that is the loss of training.
 LOSS = {Kind.regression: "mse", Kind.classification: "cross_entropy"}
 
+#: Whether less of such a metric is better.
 LOWER_IS_BETTER = {"mse": True, "accuracy": False}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedStudy(Design):
-    """A finished study: what it was to find out, and its scores."""
+    """A finished study as statistics use it: its design and one score for each network and seed."""
 
-    #: A noise run, which has none, is not a study.
+    #: How the study is judged; a noise run has no terms, and is not a study.
     terms: StudyTerms
-    #: Of the recording, one for each regressed value, empty where none is stated; () of a classification.
+    #: The units of the recording, one for each regressed value, empty where none is stated; () for classification.
     units: tuple[str, ...]
-    #: Units of the recording for one unit of training, one for each regressed value; () of a classification.
+    #: Units of the recording for one unit of training, one for each regressed value; () for classification.
     scale: tuple[float, ...]
     #: Each is of the weights of the epoch with the lowest validation loss. Metrics are those of the test split, by
     #: name: `mse`, `mse_Fx`, `mae`, `rmse`, `r2` ...; or `accuracy`, `macro_f1`, `cross_entropy`. A confusion counts
@@ -48,13 +49,13 @@ class RecordedStudy(Design):
     scores: tuple[ScoreLine, ...]
     #: The accuracy that no network can expect to exceed on these data; None where it is not known.
     ceiling: float | None = None
-    #: Whether its images come in groups by the settings of its run, and it does not say in which, being of an earlier
-    #: release.
+    #: True where the settings of the run group the images, and the study, of an earlier release, does not record the
+    #: groups.
     lacks_groups: bool = False
 
     @property
     def kind(self) -> Kind:
-        """Of the task."""
+        """The kind of the task."""
         return self.data.kind
 
     @property
@@ -64,7 +65,7 @@ class RecordedStudy(Design):
 
     @property
     def fingerprint(self) -> str:
-        """Of the data set."""
+        """The fingerprint of the data set."""
         return self.data.fingerprint
 
     @property

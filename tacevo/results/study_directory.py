@@ -27,14 +27,14 @@ from tacevo.storage.sweep_directory import Retraining
 from tacevo.text import as_overrides, counted, listed
 from tacevo.typed import parse
 
-#: What `study_names` returns, as a regular expression.
+#: The names that `study_names` returns, as a regular expression.
 NAME = r"(?:elites|networks|noise)\d+-seeds\d+-epochs\d+-(?:[A-Za-z0-9._-]+-)?[0-9a-f]{8}"
 
-#: Characters of a directory's name that say in what a study is not its run's, at most: today, and in earlier releases.
+#: The most characters of a directory's name for the settings in which a study differs from its run: today's limit, then
+#: that of earlier releases.
 _LONGEST_WHERE = (80, 40)
 
-
-#: So many scores may be missing where a study is not whole.
+#: The most scores that may be missing before a study is refused for their number alone.
 _MOST_MISSING = 1_000
 
 
@@ -47,9 +47,9 @@ class FinishedStudy:
     record: StudyRecord
     #: The first line of the scores.
     header: StudyHeader
-    #: In the order of networks and seeds.
+    #: The scores, in the order of networks and seeds.
     rows: tuple[Row, ...]
-    #: Of the header and of each row.
+    #: The hashes of the header and of each row.
     hashes: tuple[str, ...]
 
     @property
@@ -82,7 +82,7 @@ class StudyDirectory:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a process is at work on the study at this moment."""
+        """True while a process is at work on the study."""
         return is_in_use(self.path)
 
     @property

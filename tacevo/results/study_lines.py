@@ -1,4 +1,4 @@
-"""What a study writes down, as records: study.json, and the lines of scores.jsonl.
+"""The records of a study: study.json, and the lines of scores.jsonl.
 
 A line's field without a default is in every line; one with a default only where it differs from it.
 """
@@ -27,11 +27,11 @@ SCHEMA: Final = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyTerms(Record):
-    """How a study is judged."""
+    """The level and the margin by which a study is judged."""
 
     #: Level of the tests, in (0, 1); each family of p-values keeps it as a whole.
     alpha: Annotated[float, Gt(0), Lt(1)]
-    #: Of equivalence, in the study's primary metric.
+    #: The margin of equivalence, in the study's primary metric.
     margin: Margin
 
 
@@ -51,7 +51,7 @@ class StudyNetwork(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design(Record):
-    """All that the scores of a study follow from, and how they are judged."""
+    """All that the scores of a study follow from, and the terms by which they are judged."""
 
     #: Digest of the run.
     run: str
@@ -61,9 +61,9 @@ class Design(Record):
     recipe: Recipe
     numerics: Numerics
     device: Device
-    #: S.
+    #: S, the number of training seeds of each network.
     seeds: Annotated[int, Ge(1)]
-    #: None of a noise run, which trains as the search did and takes no test score.
+    #: None for a noise run, which trains as the search did and takes no test score.
     terms: StudyTerms | None = None
     #: The baseline first.
     networks: tuple[StudyNetwork, ...]
@@ -71,7 +71,7 @@ class Design(Record):
     chosen_by: str = ""
     #: (name, value) of the settings that are not the run's, where the study is about other data than the run had.
     other_data: tuple[tuple[str, FreeJson], ...] = ()
-    #: None where nothing was planned.
+    #: The plan that the study follows; None where nothing was planned.
     plan: SeedPlan | None = None
     #: Number of the full trainings; of a noise run, of the search's trainings.
     rules: int = FIRST_STUDY
@@ -80,12 +80,12 @@ class Design(Record):
 
     @property
     def where(self) -> str:
-        """What other data than the run's the study is about, as `split_seed=7`; empty where it is the run's."""
+        """The settings of data that differ from the run's, as `split_seed=7`; empty where none does."""
         return ", ".join(assignments(self.other_data))
 
     @property
     def trained_with(self) -> str:
-        """With which other settings than the run's it trained, as `numerics=fast`; empty where with its own."""
+        """The settings of training that differ from the run's, as `numerics=fast`; empty where none does."""
         return ", ".join(assignments(self.other_device))
 
     @property
@@ -97,7 +97,7 @@ class Design(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyRecord(Design):
-    """What study.json holds."""
+    """The content of study.json."""
 
     schema: Literal[2]
     name: str
@@ -106,7 +106,7 @@ class StudyRecord(Design):
     units: tuple[str, ...]
     versions: dict[str, str]
     machine: dict[str, FreeJson]
-    #: None until the study is finished.
+    #: The last hash of the scores; None until the study is finished.
     digest: str | None
 
 
@@ -120,7 +120,7 @@ class StudyHeader(Design):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoreLine(Record):
-    """How the training of one network with one seed ended."""
+    """The scores of one network that was trained with one seed."""
 
     network: str
     id: str
@@ -128,27 +128,27 @@ class ScoreLine(Record):
     seed: int
     #: Key of the training in the store, which holds the losses of every epoch.
     evaluation: str
-    #: Of the lowest validation loss, from 1; of a noise run the last, unless the lowest loss is the fitness.
+    #: The epoch of the lowest validation loss, from 1; of a noise run the last, unless the lowest is the fitness.
     epoch: int
-    #: Of that epoch; of a noise run the fitness.
+    #: The validation loss after that epoch; of a noise run the fitness.
     validation_loss: float
-    #: Empty of a noise run.
+    #: The test metrics by name; empty for a noise run.
     metrics: dict[str, float]
-    #: None for regression, and of a noise run.
+    #: The number of test images by (true class, predicted class); None for regression, and for a noise run.
     confusion: tuple[tuple[int, ...], ...] | None
     predictions: str
     weights: str
     not_deterministic: tuple[str, ...] = ()
-    #: On a GPU: whether its steps were recorded once and replayed.
+    #: True where its steps were recorded once on a GPU and replayed; None on a CPU.
     captured: bool | None = None
-    #: None of a noise run, and of studies under the rules before `tacevo.rules.KEPT_SINCE`.
+    #: The test predictions in the store; None for a noise run, and under the rules before `tacevo.rules.KEPT_SINCE`.
     kept: StoredPredictions | None = None
     kind: Literal["score"] = "score"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailedLine(Record):
-    """Why the training of one network with one seed failed."""
+    """The reason for which the training of one network with one seed failed."""
 
     network: str
     id: str

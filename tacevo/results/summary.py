@@ -1,4 +1,4 @@
-"""What a run found, in words and tables: for summary.md, the end of a search and the page.
+"""The findings of a run in words and tables: for summary.md, the end of a search and the page.
 
 It follows from the ledger; of candidates that are alike in all that it says, also from their texts.
 """
@@ -25,10 +25,10 @@ from tacevo.results.run import RecordedRun
 from tacevo.rounding import significant
 from tacevo.text import assignments, counted, in_markdown, listed, table
 
-#: What the trivial loss is.
+#: The meaning of the trivial loss, in words.
 TRIVIAL = "the least that the same answer to every validation image can have"
 
-#: How many elites the summary lists.
+#: The number of elites that the summary lists.
 TOP = 5
 
 
@@ -57,7 +57,7 @@ def _short(run: RecordedRun, write: Callable[[str], str]) -> list[str]:
     return [*above, elites, "\n".join(map(write, rates_in_words(run)))]
 
 
-#: What a fitness is of a training; `{}` is what seed it is.
+#: The part of a training that a fitness is, by its rule; `{}` stands for the kind of seed.
 _LOSSES = {
     "last": "loss of one {} seed",
     "lowest": "lowest loss of one seed",

@@ -27,7 +27,7 @@ class FinishedJob:
 
     job: Job
     run: RecordedRun
-    #: None where it was not tested as its sweep states.
+    #: The test scores of what it found; None where it was not tested as its sweep states.
     tested: JobScore | None = None
 
 
@@ -50,9 +50,9 @@ class Missing:
     job: Job
     #: Finished where only its test score is missing.
     standing: Standing = Standing.finished
-    #: In words; empty where the state says all.
+    #: The reason in words; empty where the state says all.
     reason: str = ""
-    #: Whether its search failed, or, of a job without a test score, a training of its network.
+    #: True where its search failed, or, for a job without a test score, a training of its network.
     has_failed: bool = False
 
     @property
@@ -63,7 +63,7 @@ class Missing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedSweep:
-    """What there is of a sweep, in the order of its jobs."""
+    """The finished and the missing jobs of a sweep, each in the order of its jobs."""
 
     path: Path
     #: At least one.

@@ -69,7 +69,7 @@ def _check_temperatures(sweep: RecordedSweep, one: FinishedJob, two: FinishedJob
         )
 
 
-#: How long a candidate trains, and on what.
+#: The settings of how long a candidate trains, and on which device.
 _TRAINING = (
     *("epochs", "batch_size", "learning_rate", "seconds", "memory_mib"),
     *("device", "gpu", "precision", "gpu_memory_mib", "layout", "captured"),

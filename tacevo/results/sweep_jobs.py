@@ -22,7 +22,7 @@ from tacevo.storage.canonical import content_hash, differences, shown
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.text import listed
 
-#: How many settings that differ a message names.
+#: The most settings that a message names.
 _SHOWN = 6
 
 

@@ -1,4 +1,4 @@
-"""Whether the records of a table agree: rules that are known, data, rows that are there once, scores that can be.
+"""Check that the records of a table agree: known rules, equal data, each row once, possible scores.
 
 Whether they follow from something else, a space or a training, is looked at by `tacevo.reproduce.space_table`.
 """

@@ -1,10 +1,10 @@
-"""What tells a table of a space from a bundle."""
+"""The file that tells a table of a space from a bundle."""
 
 from pathlib import Path
 
 from tacevo.storage.zipfiles import names_in
 
-#: The file in which a table says what it is of.
+#: The file in which a table describes itself.
 HEADER = "table.json"
 
 

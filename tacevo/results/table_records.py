@@ -1,4 +1,4 @@
-"""What the table of a space holds: its header, its rows, and both as they are read (`tacevo.results.space_table`)."""
+"""The records of the table of a space: its header, its rows, and both as `tacevo.results.space_table` reads them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ NETWORKS, TRAININGS, CARD, MANIFEST = (
     "manifest.sha256",
 )
 
-#: What decides the rows, beside the data, the seeds and the rules; as keys of the configuration.
+#: The keys of the configuration that decide the rows, beside the data, the seeds and the rules.
 DECISIVE = (
     "data.image_size",
     "gate.max_modules",
@@ -48,22 +48,23 @@ DECISIVE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header(Record):
-    """What all rows follow from."""
+    """The data, the settings and the rules that all rows follow from."""
 
     #: Layout of the file.
     schema: Literal[1] = 1
-    #: Whether no network was trained: what stands in place of trainings was drawn, to measure the tools by.
+    #: True where no network was trained: the losses were drawn at random, to measure tools by.
     made_up: bool
-    #: As `tacevo.records.to_json` writes it: the space is `llm.space`, a training is `training`.
+    #: The configuration, as `tacevo.records.to_json` writes it; `llm.space` is the space, `training` how each network
+    #: trained.
     config: dict[str, FreeJson]
     task: Task
     data: DataFacts
-    #: Of the trainings.
+    #: The training seeds; each network is trained with each of them.
     seeds: Annotated[tuple[int, ...], MinLen(1)]
     rules: Rules
     #: Number of the rules of full trainings (`tacevo.rules.STUDY`).
     study: int
-    #: Of the validation images (`tacevo.training.losses`).
+    #: The trivial loss of the validation images (`tacevo.training.losses`).
     trivial: Annotated[float, Ge(0)]
     versions: dict[str, str]
     machine: dict[str, FreeJson]
@@ -108,7 +109,7 @@ class TableTraining(Record):
 
     @property
     def verdict(self) -> FullTraining | Rejection:
-        """What came of it."""
+        """The full training, or why it failed."""
         verdict = self.full or self.rejection
         assert verdict is not None  # as reading checks
         return verdict
@@ -119,11 +120,11 @@ class SpaceTable:
     """A table that was read; each network that the gate admitted has a training with each seed."""
 
     path: Path
-    #: Of the rows and what decides them, so that equal rows are equal data of a search.
+    #: The hash of the rows and of the settings that decide them, so that equal rows are equal data of a search.
     digest: str
     header: Header
     networks: tuple[TableNetwork, ...]
-    #: By network, then by seed.
+    #: All trainings, by network, then by seed.
     trainings: tuple[TableTraining, ...]
     #: The text of its README.
     card: str
@@ -135,12 +136,12 @@ class SpaceTable:
 
     @cached_property
     def verdicts(self) -> Mapping[tuple[int, int], FullTraining | Rejection]:
-        """What came of each training, by the rows of network and seed."""
+        """The verdict of each training, by the rows of network and seed."""
         return {(row.network, row.seed): row.verdict for row in self.trainings}
 
     @property
     def name(self) -> str:
-        """What it is of, in a line."""
+        """The size and the task of the table, in a line."""
         header = self.header
         what = "MADE UP, not trained: " if header.made_up else ""
         seeds = counted(len(header.seeds), "seed")
@@ -148,7 +149,7 @@ class SpaceTable:
 
     @property
     def failures(self) -> list[str]:
-        """What was refused by the gate or failed to train, a line each."""
+        """A line for each network that the gate refused and each training that failed."""
         refused = [
             f"network {row}: {network.rejection.reason}"
             for row, network in enumerate(self.networks)
@@ -163,7 +164,7 @@ class SpaceTable:
 
     @property
     def failed(self) -> str:
-        """How many networks the gate refused and how many trainings failed, in a line; none, too, is said."""
+        """The numbers of networks that the gate refused and of trainings that failed, in a line, zeros included."""
         refused = sum(network.rejection is not None for network in self.networks)
         failed = sum(row.rejection is not None for row in self.trainings)
         return f"the gate refused {counted(refused, 'network')}, and {counted(failed, 'training')} failed"

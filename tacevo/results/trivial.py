@@ -1,4 +1,4 @@
-"""What a predictor scores that looks at no image: the mean of the test labels, or their most frequent class.
+"""The score of a predictor that looks at no image: it knows the mean of the test labels, or their most frequent class.
 
 It follows from scores that every study has, so it needs neither labels nor a training. It knows the mean, or the
 majority, of the test images themselves, and so is a little better than one that knows the training images only.
