@@ -1,7 +1,7 @@
 """Finished runs, studies and sweeps as records, read and checked once: for commands, API, bundles and analysis.
 
 - `run.read_run` reads the directory of a finished run. Ledger, run.json and both archives agree, or RunError names the
-  file. What this machine has elsewhere, stores and data, is found by `settings`; a bundle's word on that counts nothing.
+  file. What this machine has elsewhere, stores and data, is found by `settings`; a bundle's word on it counts nothing.
 - `study_directory` writes and reads a study: study.json and the sealed scores. `read_finished` checks both and returns
   a `FinishedStudy`; of it `study.as_study` makes a `RecordedStudy`, with one score for each network and seed.
 - `sweep.load_sweep` reads the finished jobs of a sweep, says why the others are missing, and takes the test scores of
