@@ -137,8 +137,8 @@ class Table:
             ValueError: a cell is NaN or infinite.
         """
         columns = {}
-        for place, name in enumerate(self.columns):
-            cells = [_exact(row[place]) for row in self.rows]
+        for column, name in enumerate(self.columns):
+            cells = [_exact(row[column]) for row in self.rows]
             for at in range(max(map(len, cells), default=1)):
                 values = [cell[at] if at < len(cell) else None for cell in cells]
                 columns[f"{name}{('', ' low', ' high')[at]}"] = pd.Series(values, dtype=_dtype(values))

@@ -58,8 +58,8 @@ def instruction_effects(runs: Sequence[RecordedRun]) -> pd.DataFrame:
         rows.append({"name": name, "requests": len(own), **shares, "children": int(own.child.count())})
     rows.append({"name": TEMPERATURE, "requests": len(asked), "children": int(asked.child.count())})
     effects = pd.DataFrame(rows, columns=list(INSTRUCTIONS)).astype(INSTRUCTIONS)
-    for place, effect in _effects(asked.dropna(subset=["child", "parent"]), len(names)).items():
-        effects.loc[place, list(effect)] = list(effect.values())
+    for row, effect in _effects(asked.dropna(subset=["child", "parent"]), len(names)).items():
+        effects.loc[row, list(effect)] = list(effect.values())
     tested = effects.index[:-1][effects.p.iloc[:-1].notna()]
     if len(tested):
         effects.loc[tested, "p_holm"] = holm(effects.p[tested].tolist())
@@ -74,7 +74,7 @@ def late_shares(runs: Sequence[RecordedRun]) -> "pd.Series[float]":
 
 def _asked_of(runs: Sequence[RecordedRun]) -> pd.DataFrame:
     """Return the mutations of some runs (`_asked`), with the place of each run."""
-    return pd.concat([_asked(run).assign(run=place) for place, run in enumerate(runs)])
+    return pd.concat([_asked(run).assign(run=number) for number, run in enumerate(runs)])
 
 
 def _asked(run: RecordedRun) -> pd.DataFrame:
@@ -126,8 +126,8 @@ def _effects(children: pd.DataFrame, instructions: int) -> dict[int, dict[str, f
     if is_sent:
         asked[instructions] = np.eye(len(fitted))[-1]
     # What the children do not tell apart, say two instructions that no generation asked for both, is no effect.
-    known = {place: row for place, row in asked.items() if np.allclose(row @ inverse @ x, row, atol=1e-9)}
-    return {place: _effect(row, fitted, variance, free) for place, row in known.items()}
+    known = {index: row for index, row in asked.items() if np.allclose(row @ inverse @ x, row, atol=1e-9)}
+    return {index: _effect(row, fitted, variance, free) for index, row in known.items()}
 
 
 def _effect(contrast: _Values, fitted: _Values, variance: _Values, free: int) -> dict[str, float]:

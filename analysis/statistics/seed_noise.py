@@ -45,12 +45,12 @@ def noise(recorded: ArrayLike, estimates: ArrayLike) -> pd.DataFrame:
     """
     records, draws = np.asarray(recorded, dtype=np.float64), np.asarray(estimates, dtype=np.float64)
     correlation, reference, rows = icc(draws), draws[0], []
-    for place, (record, values) in enumerate(zip(records.tolist(), draws, strict=True)):
+    for number, (record, values) in enumerate(zip(records.tolist(), draws, strict=True)):
         median = float(np.median(values))
         row = {"recorded": record, "median": rounded(median), "least": values.min(), "most": values.max()}
         row |= {"as_low": (values <= record).sum(), "optimism": rounded(record - median)}
         row |= {"expected": None if correlation is None else expected(record, draws, correlation.estimate)}
-        rows.append(row | (superiority(values, reference).columns("beats") if place else {}))
+        rows.append(row | (superiority(values, reference).columns("beats") if number else {}))
     return pd.DataFrame(rows, columns=list(NOISE)).astype(NOISE)
 
 

@@ -178,8 +178,8 @@ def p_values(n: int, m: int) -> NDArray[np.float64]:
 
 def _doubled_ranks(x: Sample, y: Sample) -> tuple[NDArray[np.int64], bool]:
     """Return twice the midranks of both samples together, which are whole, and whether values tie."""
-    _, places, counts = np.unique(np.concatenate([x, y]), return_inverse=True, return_counts=True)
-    return (2 * np.cumsum(counts) - counts + 1)[places], bool(counts.max() > 1)
+    _, ranks, counts = np.unique(np.concatenate([x, y]), return_inverse=True, return_counts=True)
+    return (2 * np.cumsum(counts) - counts + 1)[ranks], bool(counts.max() > 1)
 
 
 def _u(doubled: NDArray[np.int64], n: int) -> float:

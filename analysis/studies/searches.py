@@ -57,9 +57,9 @@ def best_by_reestimates(searches: Sequence[StudiedSearch], *, half: int) -> pd.D
     losses, scores = [], []
     for search in searches:
         again = search.reestimates
-        place = int(np.argmin([np.median(estimates[half::2]) for estimates in again.estimates]))
-        network = again.networks[place]
-        losses.append(np.array(again.estimates[place][1 - half :: 2]))
+        best = int(np.argmin([np.median(estimates[half::2]) for estimates in again.estimates]))
+        network = again.networks[best]
+        losses.append(np.array(again.estimates[best][1 - half :: 2]))
         scores.append(search.study.values(network.name, search.study.primary)[1 - half :: 2])
         row = {"search": search.name, "network": network.name, "candidate": network.id, "fitness": network.fitness}
         rows.append(row | median(losses[-1]).columns("reestimated") | median(scores[-1]).columns("tested"))

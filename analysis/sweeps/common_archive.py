@@ -65,13 +65,15 @@ def extents(runs: Sequence[RecordedRun], common: CommonArchive) -> pd.DataFrame:
     Bounds stay those from the least to the greatest, as in the archives of the searches; no quantile has to be chosen,
     and none hides what a search found. So one outlier can decide the coverage of all: this says which, and how much.
     """
-    places = {f"{run.name}/{one.id}": descriptors_of(one, common.scale) for run in runs for one in run.trained}
+    descriptors = {f"{run.name}/{one.id}": descriptors_of(one, common.scale) for run in runs for one in run.trained}
     rows = []
     for at, name in enumerate(("architecture diversity", f"efficiency ratio ({common.scale.value})")):
         ends = common.bounds.low[at], common.bounds.high[at]
-        tenths = Counter(min(int(10 * common.bounds.normalise(place)[at]), 9) for place in places.values())
-        held = (() if common.fixed else tuple(one for one, place in places.items() if place[at] == end) for end in ends)
-        rows.append((name, *map(rounded, ends), *held, rounded(max(tenths.values()) / len(places))))
+        tenths = Counter(min(int(10 * common.bounds.normalise(point)[at]), 9) for point in descriptors.values())
+        held = (
+            () if common.fixed else tuple(one for one, point in descriptors.items() if point[at] == end) for end in ends
+        )
+        rows.append((name, *map(rounded, ends), *held, rounded(max(tenths.values()) / len(descriptors))))
     return pd.DataFrame(rows, columns=list(EXTENTS)).astype(EXTENTS)
 
 

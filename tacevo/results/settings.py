@@ -105,10 +105,10 @@ def found_store(directory: RunDirectory, config: RunConfig) -> str:
     name = config.store.root
     if PurePath(name).is_absolute() or isinstance(directory.path, Member):
         return name
-    places = [place for place in _places(name, directory.path, config.run.dir) if place.is_dir()]
+    paths = [path for path in _paths(name, directory.path, config.run.dir) if path.is_dir()]
     if key := _first_training(directory):
-        places = [place for place in places if (place / place_of("evaluations", key)).exists()]
-    return _as_written(name, places)
+        paths = [path for path in paths if (path / place_of("evaluations", key)).exists()]
+    return _as_written(name, paths)
 
 
 def _first_training(directory: RunDirectory) -> str | None:
@@ -124,10 +124,10 @@ def found_data(directory: RunDirectory, config: RunConfig) -> str | None:
     name = config.data.root
     if name is None or config.data.facts.is_made:  # which is made, and lies nowhere
         return name
-    return _as_written(name, [place for place in _places(name, directory.path, config.run.dir) if place.exists()])
+    return _as_written(name, [path for path in _paths(name, directory.path, config.run.dir) if path.exists()])
 
 
-def _places(name: str, run: Path, made_as: str | None) -> Iterator[Path]:
+def _paths(name: str, run: Path, made_as: str | None) -> Iterator[Path]:
     """List the paths that a name in the settings of a run may mean, each once."""
     known: set[Path] = set()
     for folder in (Path(),) if PurePath(name).is_absolute() else _folders(name, run, made_as):
@@ -158,8 +158,8 @@ def _is_own(folder: Path) -> bool:
     return found.st_uid == os.geteuid() and not found.st_mode & stat.S_IWOTH
 
 
-def _as_written(name: str, places: list[Path]) -> str:
-    """Return the first place, by the name itself where that leads there from the working directory."""
-    if not places or (os.path.exists(name) and os.path.samefile(name, places[0])):
+def _as_written(name: str, paths: list[Path]) -> str:
+    """Return the first path, by the name itself where that leads there from the working directory."""
+    if not paths or (os.path.exists(name) and os.path.samefile(name, paths[0])):
         return name
-    return str(places[0])
+    return str(paths[0])

@@ -44,7 +44,7 @@ def check_jobs(directory: SweepDirectory) -> None:
         DivergenceError: the first difference, with job, field and both values.
         RunError: a file is damaged.
     """
-    sweep, place = directory.read(), directory.path / "sweep.json"
+    sweep, file = directory.read(), directory.path / "sweep.json"
     jobs_by_hash: dict[str, str] = {}
     settings_by_arm: dict[str, Json] = {}
     arms_by_settings: dict[str, str] = {}
@@ -53,11 +53,11 @@ def check_jobs(directory: SweepDirectory) -> None:
         if differing := misfit(job, config):
             field, stated, recorded = differing
             expected = f"{recorded!r}, as in its run"
-            raise DivergenceError(repr(stated), place=f"{place}, job {job.name}, {field}", expected=expected)
+            raise DivergenceError(repr(stated), place=f"{file}, job {job.name}, {field}", expected=expected)
         if varied(config, sweep.terms.vary, job.seed) != config:
             raise DivergenceError(
                 f"{', '.join(sweep.terms.vary)}, which its run did not take from its seed",
-                place=f"{place}, terms.vary, job {job.name}",
+                place=f"{file}, terms.vary, job {job.name}",
                 expected=f"settings that are {job.seed} in its run, the seed of the job",
             )
         if (other := jobs_by_hash.setdefault(job.config, job.name)) != job.name:
@@ -72,8 +72,8 @@ def check_jobs(directory: SweepDirectory) -> None:
                 expected=f"the settings of arm {job.arm!r}, except for the seed",
             )
         if (other := arms_by_settings.setdefault(content_hash(settings), job.arm)) != job.arm:
-            place_of_arms = f"arms {other!r} and {job.arm!r}"
-            raise DivergenceError("the same, apart from the seed", place=place_of_arms, expected="different settings")
+            arms = f"arms {other!r} and {job.arm!r}"
+            raise DivergenceError("the same, apart from the seed", place=arms, expected="different settings")
 
 
 def varied(config: RunConfig, vary: Iterable[Varied], seed: int) -> RunConfig:

@@ -60,7 +60,7 @@ def metrics_from(scores: Sequence[ScoreLine], names: Sequence[str]) -> dict[str,
 def _of_classes(confusion: Confusion) -> dict[str, float]:
     classes = [sum(row) for row in confusion]
     majority, total = classes.index(max(classes)), sum(classes)
-    always = tuple(tuple(count if place == majority else 0 for place in range(len(classes))) for count in classes)
+    always = tuple(tuple(count if column == majority else 0 for column in range(len(classes))) for count in classes)
     return {"accuracy": max(classes) / total, "macro_f1": macro_f1(always), "cross_entropy": entropy(classes)}
 
 
