@@ -40,7 +40,7 @@ _MOST_MISSING = 1_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FinishedStudy:
-    """A study whose scores are there, read once; `read_finished` has compared both files."""
+    """A study with its scores, whose hashes were checked; `read_finished` compares them with study.json, too."""
 
     path: Path
     #: The content of study.json.
