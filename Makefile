@@ -69,10 +69,10 @@ test-gpu: $(DEV) ## run the tests that need an NVIDIA GPU
 	$(BIN)/pytest -m gpu
 
 test-cluster: $(DEV) ## run the tests on clusters of several nodes: Ray, and Slurm where it is installed
-	$(BIN)/pytest tests/cluster -m "cluster and not slow"
+	$(BIN)/pytest tests/rooms/ray tests/rooms/slurm -m "cluster and not slow"
 
 test-cluster-all: $(DEV) ## the same, and those that wait for minutes
-	$(BIN)/pytest tests/cluster -m cluster
+	$(BIN)/pytest tests/rooms/ray tests/rooms/slurm -m cluster
 
 coverage: $(DEV) ## run `make test` and `make test-slow`, and print the lines that no test reaches
 	$(BIN)/pytest $(TWO) -m "not long and not portable and not cluster" --cov --cov-report=term-missing:skip-covered

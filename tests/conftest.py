@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
     from slurm_cluster import Slurm
 
+pytest_plugins = ["hiding"]
+
 # A shell has what it starts in the background ignore Ctrl-C, and so would every process that a test starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -114,7 +116,7 @@ def copied(whole_search: tuple[Path, str], place: Path) -> Path:
 @pytest.fixture
 def keys(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put keys where the SDKs look for them."""
-    from hosted import KEY
+    from asked import KEY
 
     for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
         monkeypatch.setenv(name, KEY)

@@ -21,6 +21,8 @@ from tacevo.cli.app import main
 from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import SEARCHED, Store
 
+pytestmark = pytest.mark.room("publishing")
+
 
 def test_bytes_are_the_same_from_anywhere(published: Path, tmp_path: Path) -> None:
     """Another directory and name of the run, other stores, time zone, umask, hash seed, locale, working directory."""

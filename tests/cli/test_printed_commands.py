@@ -20,8 +20,6 @@ from tacevo.results.noise_runs import noise_digest
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory, SweepRecord
 from tacevo.text import as_override
-from tacevo.tracking.params import viewing
-from tacevo.tracking.process import Mirror
 
 #: The name of a directory in which a shell and Hydra would each read something else.
 HOSTILE = 'it\'s [a] "b", ${c}; (1=2) & #3'
@@ -51,15 +49,21 @@ def test_plain_value_needs_no_quotes() -> None:
     assert as_override("run", "runs/force-seed0-1a2b.x") == "run=runs/force-seed0-1a2b.x"
 
 
+@pytest.mark.room("mlflow")
 def test_store_is_looked_at_by_a_command_that_can_be_typed() -> None:
     """A shell puts the variable in, and leaves its value whole."""
+    from tacevo.tracking.params import viewing
+
     uri = f"sqlite:////home/{HOSTILE}/mlflow.db"
     assert shlex.split(viewing(uri, "mlflow")) == ["mlflow", "ui", "--backend-store-uri", uri]
     assert viewing("", "mlflow") == 'mlflow ui --backend-store-uri "$MLFLOW_TRACKING_URI"'
 
 
+@pytest.mark.room("mlflow")
 def test_warning_of_the_mirror_names_the_run(tmp_path: Path) -> None:
     """Its command writes what is missing."""
+    from tacevo.tracking.process import Mirror
+
     mirror = Mirror(tmp_path / HOSTILE, uri="sqlite:///mlflow.db", experiment="tacevo")
     mirror.start()  # the directory is missing
     assert printed(mirror.finish(None) or "") == [["tacevo", "track", str(tmp_path / HOSTILE)]]

@@ -16,7 +16,6 @@ from smallest import SMALLEST, UNTRACKED, Once
 from tacevo.api.opening import open_run
 from tacevo.choices import Numerics
 from tacevo.cli.app import main
-from tacevo.data.simulator.written_files import write_files
 from tacevo.errors import CacheMissError, ConfigError, DivergenceError, TacevoError
 from tacevo.export.trainings import ExportSettings, design
 from tacevo.records import Given, Operator
@@ -160,9 +159,12 @@ def test_several_data_sets_are_studied_one_after_the_other(here: Path, capsys: p
     assert list(here.glob("run/studies/*")) == before
 
 
+@pytest.mark.room("simulator", "tacverse")
 @pytest.mark.slow
 def test_sensors_are_studied_within_and_each_left_out(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Simulated sensors that differ in gel, and files in the release's layout; each protocol has a table of its own."""
+    from tacevo.data.simulator.written_files import write_files
+
     source = simulated(images=40, image_size=16, seed=5)
     for sensor in ("A", "B"):
         folder = here / "own" / "Force_Regression" / sensor

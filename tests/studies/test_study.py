@@ -19,7 +19,6 @@ from smallest import SMALLEST, UNTRACKED, Once
 from sweeps import Heard
 from waiting import eventually
 
-from analysis.studies.predictions import load_predictions
 from tacevo.choices import Device, Numerics, Precision
 from tacevo.cli.app import main
 from tacevo.errors import RunError
@@ -280,8 +279,11 @@ def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixtu
         assert "variant 1, seed 1, epoch: expected 9 as recorded; got" in capsys.readouterr().err
 
 
+@pytest.mark.room("image tests")
 def test_predictions_are_kept_and_give_the_scores(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of the epoch that is tested, for every training; a replay without them says which is missing."""
+    from analysis.studies.predictions import load_predictions
+
     predictions = load_predictions(load_study(only(folder)), folder / "cache")
     assert predictions is not None
     shapes = {name: each.shape for name, each in predictions.of.items()}

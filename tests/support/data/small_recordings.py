@@ -3,7 +3,7 @@
 import struct
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
@@ -11,12 +11,14 @@ from PIL import Image
 from tacevo.choices import LightScene, Normalisation, RecordedTask, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
-from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
 from tacevo.data.sources.table import TableSource
-from tacevo.data.sources.tacverse import TacVerse
 from tacevo.parts.source import Source
+
+if TYPE_CHECKING:
+    from tacevo.data.simulator.tasks import Simulated
+    from tacevo.data.sources.tacverse import TacVerse
 
 #: How data are loaded where a test says nothing else.
 PROTOCOL: dict[str, Any] = {
@@ -33,8 +35,10 @@ def loaded(source: Source, cache: Path, **changes: Any) -> Dataset:
     return load(source, cache=cache, **{**PROTOCOL, **changes})
 
 
-def simulated(task: SensorTask = SensorTask.force, **changes: Any) -> Simulated:
+def simulated(task: SensorTask = SensorTask.force, **changes: Any) -> "Simulated":
     """Describe a small simulation."""
+    from tacevo.data.simulator.tasks import Simulated  # a room
+
     usual = {"images": 24, "image_size": 16, "seed": 3, "sensor_seed": 0, "light": LightScene.standard}
     return Simulated(task=task, **{**usual, "spacings_mm": (0.5, 1.0, 2.0), **changes})
 
@@ -63,8 +67,10 @@ def save_folder(root: Path, *files: str) -> Folder:
     return Folder(root=root, image_size=16)
 
 
-def save_forces(root: Path, rows: str, *, images: int = 3, header: str = "image_name,fx,fy,fz\n") -> TacVerse:
+def save_forces(root: Path, rows: str, *, images: int = 3, header: str = "image_name,fx,fy,fz\n") -> "TacVerse":
     """Write a force set of the release with images named image_0.png, image_1.png, ..."""
+    from tacevo.data.sources.tacverse import TacVerse  # a room
+
     folder = root / "Force_Regression" / "ViTacTip"
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "ViTacTip.csv").write_text(header + rows)
@@ -73,8 +79,10 @@ def save_forces(root: Path, rows: str, *, images: int = 3, header: str = "image_
     return TacVerse(root=root, task=RecordedTask.force, sensor="ViTacTip", pattern=None, image_size=16)
 
 
-def save_gratings(root: Path, *names: str) -> TacVerse:
+def save_gratings(root: Path, *names: str) -> "TacVerse":
     """Write a grating set of the release."""
+    from tacevo.data.sources.tacverse import TacVerse  # a room
+
     folder = root / "Grating_Classification" / "ViTacTip" / "Blackdot"
     folder.mkdir(parents=True, exist_ok=True)
     for number, name in enumerate(names):

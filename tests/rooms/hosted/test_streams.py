@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hosted import QUICK, hosted, request
+from asked import request
+from hosted import QUICK, hosted
 from hypothesis import given
 from hypothesis import strategies as st
 from raw_server import replying

@@ -8,7 +8,8 @@ import re
 from pathlib import Path
 
 import pytest
-from hosted import KEY, PROVIDERS, QUICK, batched, hosted, request
+from asked import KEY, request
+from hosted import PROVIDERS, QUICK, batched, hosted
 from hypothesis import given
 from hypothesis import strategies as st
 from llm_script import Script

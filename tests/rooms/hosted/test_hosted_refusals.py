@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hosted import PROVIDERS, hosted, request, texts
+from asked import request
+from hosted import PROVIDERS, hosted, texts
 from llm_script import Script, text_of
 from llm_server import serving
 from refusals import refused

@@ -11,7 +11,8 @@ import threading
 from pathlib import Path
 
 import pytest
-from hosted import KEY, PROVIDERS, QUICK, hosted, request, stored, texts
+from asked import KEY, request
+from hosted import PROVIDERS, QUICK, hosted, stored, texts
 from llm_script import Script
 from llm_server import serving
 from refusals import refused

@@ -13,7 +13,8 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from hosted import hosted, request, stored
+from asked import request
+from hosted import hosted, stored
 from llm_script import Script, text_of
 from llm_server import LLMServer, serving
 

@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hosted import PROVIDERS, QUICK, hosted, request, texts
+from asked import request
+from hosted import PROVIDERS, QUICK, hosted, texts
 from raw_server import Reply, replying
 from refusals import refused
 from test_answers import chat

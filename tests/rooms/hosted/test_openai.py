@@ -4,7 +4,8 @@ import subprocess
 import sys
 
 import pytest
-from hosted import KEY, hosted, request
+from asked import KEY, request
+from hosted import hosted
 from llm_server import serving
 from refusals import refused
 

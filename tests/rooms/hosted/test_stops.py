@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hosted import PROVIDERS, QUICK, batched, hosted, request
+from asked import request
+from hosted import PROVIDERS, QUICK, batched, hosted
 from llm_server import serving
 from raw_server import Reply, replying
 from refusals import refused

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hosted import QUICK, hosted, request
+from asked import request
+from hosted import QUICK, hosted
 from raw_server import replying
 from refusals import refused
 

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hosted import KEY, batched, request
+from asked import KEY, request
+from hosted import batched
 from llm_script import Script
 from llm_server import LLMServer, serving
 from refusals import refused

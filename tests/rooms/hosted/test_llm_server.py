@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from asked import request
 from checkout import ROOT, SHARED
-from hosted import batched, hosted, request
+from hosted import batched, hosted
 from llm_script import key_of
 from llm_server import recorded_answers, serving
 

@@ -8,7 +8,8 @@ import json
 from pathlib import Path
 
 import pytest
-from hosted import PROVIDERS, QUICK, batched, hosted, request
+from asked import request
+from hosted import PROVIDERS, QUICK, batched, hosted
 from llm_script import text_of
 from llm_server import serving
 from raw_server import Reply, replying

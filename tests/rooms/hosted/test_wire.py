@@ -17,7 +17,8 @@ from pathlib import Path
 
 import httpx2
 import pytest
-from hosted import PROVIDERS, QUICK, batched, hosted, request, texts
+from asked import request
+from hosted import PROVIDERS, QUICK, batched, hosted, texts
 from llm_server import listen, serving
 from raw_server import CUT, Reply, replying
 from refusals import refused

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import pytest
 import yaml
-from hosted import KEY
+from asked import KEY
 from llm_script import Body, Script, key_of
 from llm_server import LLMServer, serving
 from smallest import SMALLEST, UNTRACKED
