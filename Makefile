@@ -11,12 +11,12 @@ DOCS := build/docs
 
 # Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
 TWO := --numprocesses 2 --dist worksteal
-test test-slow test-all test-cluster test-cluster-all coverage: export OMP_NUM_THREADS := 1
+test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export OMP_NUM_THREADS := 1
 # Tests start hundreds of processes, which would each compile the package again where this is set.
-test test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
+test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo examples test test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick replay paper docs lock clean
+.PHONY: help setup demo examples test test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick replay paper docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -49,6 +49,13 @@ demo: $(READY) ## run a small search, train its best networks again with other s
 
 test: $(DEV) ## run the quick tests, two at a time (ten minutes on two slow cores)
 	$(BIN)/pytest $(TWO)
+
+test-core: $(DEV) ## the core's tests, with every part that can be left out hidden from import
+	$(BIN)/pytest $(TWO) --without-rooms
+
+test-parts: $(DEV) ## the tests of each such part, with all others hidden, one part after the other
+	@for room in $(notdir $(wildcard tests/rooms/*)) crate; do \
+		echo "$$room, alone with the core"; $(BIN)/pytest $(TWO) --quiet --room $$room || exit; done
 
 test-slow: $(DEV) ## run the tests that attack each promise further, or for long
 	$(BIN)/pytest $(TWO) -m "slow and not cluster"

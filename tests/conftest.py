@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import commands
 import interruptions
 import pytest
 from filelock import FileLock
@@ -172,7 +173,7 @@ def _publish_run(folder: Path) -> None:
     where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'cache'}"]
     assert main(["search", *SMALLEST, UNTRACKED, *PUBLISHED_SIZES, *where]) == 0
     assert main(["study", f"run={folder / 'run'}", "elites=1", "seeds=4", "epochs=1"]) == 0
-    assert main(["publish", str(folder / "run"), "-o", str(folder / "run.zip"), "--author", "A. Nyone"]) == 0
+    commands.publish(str(folder / "run"), "-o", str(folder / "run.zip"), "--author", "A. Nyone")
 
 
 @pytest.fixture
@@ -214,10 +215,8 @@ def swept(once: Once) -> Path:
 def _publish_sweep(folder: Path) -> None:
     from tiny_sweep import run_sweep
 
-    from tacevo.cli.app import main
-
     run_sweep(folder / "sweep", folder / "cache")
-    assert main(["publish", str(folder / "sweep"), "-o", str(folder / "sweep.zip"), "--author", "A. Nyone"]) == 0
+    commands.publish(str(folder / "sweep"), "-o", str(folder / "sweep.zip"), "--author", "A. Nyone")
 
 
 @pytest.fixture(scope="session")

@@ -77,6 +77,7 @@ def test_run_without_a_noise_run_names_the_command_that_makes_one(tmp_path: Path
     assert printed(raised.value.remedy) == [["tacevo", "noise", str(tmp_path / HOSTILE)]]
 
 
+@pytest.mark.room("page")
 def test_run_without_a_study_names_the_command_that_makes_one(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Beside its tables, and as a pilot of a plan; of a sweep, all jobs can be studied."""
     shutil.rmtree(run / "studies")
@@ -91,6 +92,7 @@ def test_run_without_a_study_names_the_command_that_makes_one(run: Path, capsys:
     assert compose_study(shlex.split(named)).sweep == HOSTILE
 
 
+@pytest.mark.room("simulator")
 def test_exported_images_are_read_by_the_command_that_is_printed(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -129,7 +131,11 @@ def test_job_behind_a_sweep_is_answered_with_the_name_of_its_run(
     assert f"a job of it is named {place}/JOB; got none-seed0" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [["show"], ["export", "-o", "network"]], ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    "command",
+    [["show"], pytest.param(["export", "-o", "network"], marks=pytest.mark.room("export"))],
+    ids=lambda words: words[0],
+)
 def test_what_is_no_id_is_answered_with_one(
     command: list[str], published: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

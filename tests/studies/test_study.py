@@ -252,6 +252,7 @@ def test_study_of_an_earlier_release_on_a_gpu_replays(captured: bool, folder: Pa
     assert main(["replay", "run"]) == int(captured)
 
 
+@pytest.mark.room("simulator")
 def test_study_whose_settings_name_no_groups_has_none(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Of a simulated run no image was recorded with another; groups that were sealed into a study are refused."""
     (study,) = studies_of(Path("run"))

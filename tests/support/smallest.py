@@ -8,13 +8,20 @@ UNTRACKED = "tracking=none"
 #: Few niches, found quickly.
 ARCHIVES = ["archive.niches=5", "archive.prompt_niches=5", "archive.samples=100"]
 
-#: A force search that trains, on few images and for one epoch; its images and answers are of the tests' own (`tests_own`).
+#: Answers of the tests' own provider (`tests_own`).
+DRAWN = ["llm.provider=drawn", "llm.model=drawn"]
+
+#: A force search that trains, on few images of the tests' own source and for one epoch.
 SMALLEST = [
-    *("experiment=published_force", "data.source=touches", "llm.provider=drawn", "llm.model=drawn"),
-    *("data.images=40", "training.epochs=1", *ARCHIVES),
+    "experiment=published_force",
+    "data.images=40",
+    "training.epochs=1",
+    "data.source=touches",
+    *DRAWN,
+    *ARCHIVES,
 ]
 
-#: The same with the simulator and the grammar.
+#: The same with the simulator and the grammar, which are rooms.
 SIMULATED = ["experiment=published_force", "data.images=40", "training.epochs=1", *ARCHIVES]
 
 #: The size of the search that the fixture `published` makes.

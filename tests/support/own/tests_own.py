@@ -22,14 +22,15 @@ class Touches:
 
     image_size: int
     images: int
+    seed: int
 
     def describe(self) -> Json:
         """Name everything that decides the images."""
-        return {"source": "touches", "images": self.images, "image_size": self.image_size}
+        return {"source": "touches", "images": self.images, "image_size": self.image_size, "seed": self.seed}
 
     def catalogue(self) -> Catalogue:
         """List the touches."""
-        forces = stream(0, "touches").uniform([-1, -1, 0.2], [1, 1, 2], (self.images, 3))
+        forces = stream(self.seed, "touches").uniform([-1, -1, 0.2], [1, 1, 2], (self.images, 3))
         return Catalogue(
             kind=Kind.regression,
             names=("Fx", "Fy", "Fz"),
