@@ -43,7 +43,7 @@ class ImageRegressionCNN(nn.Module):
         return self.head(torch.relu(self.conv(x)).mean((2, 3)))
 """
 
-SETTINGS = [*SMALLEST[:6], UNTRACKED, "seeds=2", "epochs=1", "run.dir=run", "store.root=cache"]
+SETTINGS = [*SMALLEST[:4], UNTRACKED, "seeds=2", "epochs=1", "run.dir=run", "store.root=cache"]
 
 GIVEN = ["networks=[wide.py,narrow.py]", *SETTINGS]
 

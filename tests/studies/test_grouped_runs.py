@@ -103,6 +103,7 @@ def test_groups_stand_in_the_run_its_study_and_its_bundle(made: Path, monkeypatc
     assert json.loads(members_of(made / "run.zip")["run/run.json"])["data"]["groups"] == list(run.facts.groups)
 
 
+@pytest.mark.room("image tests")
 def test_tables_count_each_group_once(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On each output the variant is better or worse on six groups, of which the 18 images are."""
     monkeypatch.chdir(made)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from refusals import refused
 from rewritten import rewrite_study
-from smallest import SMALLEST, UNTRACKED, Once
+from smallest import DRAWN, SIMULATED, SMALLEST, UNTRACKED, Once
 from sweeps import Heard
 from waiting import eventually
 
@@ -253,8 +253,13 @@ def test_study_of_an_earlier_release_on_a_gpu_replays(captured: bool, folder: Pa
 
 
 @pytest.mark.room("simulator")
-def test_study_whose_settings_name_no_groups_has_none(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_study_whose_settings_name_no_groups_has_none(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Of a simulated run no image was recorded with another; groups that were sealed into a study are refused."""
+    folder = place
+    assert (
+        main(["search", *SIMULATED, *DRAWN, UNTRACKED, "search.generations=0", "search.initial=2", "run.dir=run"]) == 0
+    )
+    assert main(["study", *STUDY]) == 0
     (study,) = studies_of(Path("run"))
     header = study.read_scores().header
     images = header.data.counts[2]
