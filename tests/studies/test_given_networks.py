@@ -12,7 +12,7 @@ from commands import publish
 from fakes import TASK
 from refusals import refused
 from small_recordings import simulated
-from smallest import SMALLEST, UNTRACKED, Once
+from smallest import TOUCHES, UNTRACKED, Once
 
 from tacevo.api.opening import open_run
 from tacevo.choices import Numerics
@@ -43,7 +43,7 @@ class ImageRegressionCNN(nn.Module):
         return self.head(torch.relu(self.conv(x)).mean((2, 3)))
 """
 
-SETTINGS = [*SMALLEST[:4], UNTRACKED, "seeds=2", "epochs=1", "run.dir=run", "store.root=cache"]
+SETTINGS = [*TOUCHES, UNTRACKED, "seeds=2", "epochs=1", "run.dir=run", "store.root=cache"]
 
 GIVEN = ["networks=[wide.py,narrow.py]", *SETTINGS]
 

@@ -12,14 +12,10 @@ ARCHIVES = ["archive.niches=5", "archive.prompt_niches=5", "archive.samples=100"
 DRAWN = ["llm.provider=drawn", "llm.model=drawn"]
 
 #: A force search that trains, on few images of the tests' own source and for one epoch.
-SMALLEST = [
-    "experiment=published_force",
-    "data.images=40",
-    "training.epochs=1",
-    "data.source=touches",
-    *DRAWN,
-    *ARCHIVES,
-]
+TOUCHES = ["experiment=published_force", "data.source=touches", "data.images=40", "training.epochs=1"]
+
+#: The same with few niches, and answers of the tests' own provider.
+SMALLEST = [*TOUCHES, *DRAWN, *ARCHIVES]
 
 #: The same with the simulator and the grammar, which are rooms.
 SIMULATED = ["experiment=published_force", "data.images=40", "training.epochs=1", *ARCHIVES]

@@ -28,7 +28,6 @@ from smallest import Once
 
 import tacevo
 from tacevo.cli.app import main
-from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import BundleError, ConfigError, DivergenceError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export import directory
@@ -368,8 +367,11 @@ def test_too_large_is_refused_before_it_is_trained(parameters: int, seeds: int, 
         )
 
 
+@pytest.mark.room("simulator")
 def test_images_are_listed_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A recording is large, and every header of it is read each time."""
+    from tacevo.data.simulator.tasks import Simulated
+
     listed: list[Simulated] = []
 
     def list_it(source: Simulated) -> Catalogue:

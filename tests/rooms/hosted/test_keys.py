@@ -16,7 +16,7 @@ from llm_script import Script
 from llm_server import serving
 from raw_server import replying
 from refusals import refused
-from smallest import SMALLEST, UNTRACKED
+from smallest import ARCHIVES, TOUCHES, UNTRACKED
 from test_answers import chat, message
 from test_model_search import network
 
@@ -190,7 +190,15 @@ def test_search_with_a_word_for_a_key_admits_what_holds_the_word(place: Path, mo
     monkeypatch.setenv("ANTHROPIC_API_KEY", "any")
     source = network({"messages": [1, 2]}).replace("        return", "        any(x.shape)\n        return")
     with serving(Script(answer=lambda body: source)) as server:
-        tiny = [*SMALLEST, UNTRACKED, "llm=anthropic", "search.generations=0", "search.initial=1", "run.dir=run"]
+        tiny = [
+            *TOUCHES,
+            *ARCHIVES,
+            UNTRACKED,
+            "llm=anthropic",
+            "search.generations=0",
+            "search.initial=1",
+            "run.dir=run",
+        ]
         assert main(["search", *tiny, f"llm.base_url={server.url}"]) == 0
     (entry,) = Store(place / "cache", "completions").entries()
     assert entry.answer["text"] == source  # type: ignore[index,call-overload]

@@ -16,7 +16,7 @@ import yaml
 from asked import KEY
 from llm_script import Body, Script, key_of
 from llm_server import LLMServer, serving
-from smallest import SMALLEST, UNTRACKED
+from smallest import ARCHIVES, TOUCHES, UNTRACKED
 
 from tacevo.cli.app import main
 from tacevo.config.conf_folder import conf_root
@@ -28,7 +28,8 @@ pytestmark = pytest.mark.usefixtures("keys")
 PRICES = f"llm.prices={conf_root() / 'prices.yaml'}"
 
 TINY = [
-    *SMALLEST,
+    *TOUCHES,
+    *ARCHIVES,
     UNTRACKED,
     "llm=anthropic",
     "search.generations=1",

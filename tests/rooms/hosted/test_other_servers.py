@@ -15,7 +15,7 @@ from llm_script import Script, text_of
 from llm_server import LLMServer, serving
 from raw_server import Reply, replying
 from refusals import refused
-from smallest import SMALLEST, UNTRACKED
+from smallest import ARCHIVES, TOUCHES, UNTRACKED
 from test_answers import chat, without
 from test_model_search import network
 
@@ -25,14 +25,21 @@ from tacevo.config.compose import compose
 from tacevo.config.schema import LLMConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Mode
-from tacevo.runs.estimate import describe_cost
 from tacevo.runs.providers import asks_elsewhere, build_llm
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
 
 pytestmark = pytest.mark.usefixtures("keys")
 
-TINY = [*SMALLEST, UNTRACKED, "search.generations=0", "search.initial=2", "executor.workers=2", "llm.concurrency=1"]
+TINY = [
+    *TOUCHES,
+    *ARCHIVES,
+    UNTRACKED,
+    "search.generations=0",
+    "search.initial=2",
+    "executor.workers=2",
+    "llm.concurrency=1",
+]
 
 CLAUDE = "claude-haiku-4-5-20251001"
 
@@ -148,8 +155,11 @@ def test_own_servers_of_a_provider_are_known(
     assert asks_elsewhere(chosen) is elsewhere
 
 
+@pytest.mark.room("estimate")
 def test_price_of_another_server_is_the_users_to_give(place: Path) -> None:
     """The provider's prices say nothing of it: no budget, no estimate."""
+    from tacevo.runs.estimate import describe_cost
+
     other = [*TINY, "llm=anthropic", "llm.base_url=http://127.0.0.1:1"]
     config = compose([*other, "llm.budget_usd=5"])
     with refused(ConfigError, place="llm.budget_usd", got="other servers", remedy="llm.prices=FILE"):

@@ -11,7 +11,7 @@ import yaml
 from llm_script import Script
 from llm_server import LLMServer, serving
 from refusals import refused
-from smallest import SMALLEST, UNTRACKED
+from smallest import ARCHIVES, TOUCHES, UNTRACKED
 from test_model_search import network
 
 from tacevo.cli.app import main
@@ -22,7 +22,15 @@ from tacevo.runs.providers import load_prices, prices_of
 
 pytestmark = pytest.mark.usefixtures("keys")
 
-TINY = [*SMALLEST, UNTRACKED, "llm=anthropic", "search.generations=0", "search.candidates=1", "search.initial=2"]
+TINY = [
+    *TOUCHES,
+    *ARCHIVES,
+    UNTRACKED,
+    "llm=anthropic",
+    "search.generations=0",
+    "search.candidates=1",
+    "search.initial=2",
+]
 
 #: Three lines, as docs/llm.md shows them; an answer of the server costs 11 + 7 of such tokens, 18 USD.
 TABLE = """\

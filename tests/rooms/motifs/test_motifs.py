@@ -24,6 +24,8 @@ from tacevo.profile import Profile
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
 
+pytestmark = pytest.mark.room("grammar")
+
 #: The closed instructions that make one of the paper's motifs; all others add nothing to those of the baseline.
 ADDS = {
     "widen_all": {"wider convolutions"},

@@ -16,6 +16,8 @@ from tacevo.llm.grammar.bounds import fit
 from tacevo.llm.grammar.network import Attention, Down, Network, Norm
 from tacevo.llm.grammar.rendering import render
 
+pytestmark = pytest.mark.room("grammar")
+
 Steps = Callable[["Layers", Tensor], Tensor]
 
 

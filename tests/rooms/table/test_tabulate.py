@@ -29,7 +29,6 @@ from tacevo.results.space_table import card, check_networks, check_size, read_ta
 from tacevo.results.table_header import is_table
 from tacevo.results.table_records import CARD, MANIFEST, SpaceTable, TableTraining
 from tacevo.rules import CURRENT, LIKE_TODAY, STUDY
-from tacevo.runs.estimate import describe_estimates, describe_time
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
 from tacevo.storage.canonical import canonical
@@ -656,8 +655,11 @@ def test_regret_is_of_runs_of_the_table(table: SpaceTable, tmp_path: Path, publi
         tacevo.open_table(tmp_path / "fewer.zip").regret(run)
 
 
+@pytest.mark.room("estimate")
 def test_estimate_of_a_search_of_a_table_says_that_nothing_is_trained(table: SpaceTable, tmp_path: Path) -> None:
     """It asks for no image."""
+    from tacevo.runs.estimate import describe_estimates, describe_time
+
     config = compose(["experiment=space", *TINY, "data=table", f"data.root={table.path}", "training.epochs=1"])
     assert "nothing is trained" in describe_time(config)
     assert "about 0" in describe_estimates([("job", config)]).splitlines()[2]

@@ -2,10 +2,13 @@
 
 import struct
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
+from _pytest.mark import ParameterSet
 from PIL import Image
 
 from tacevo.choices import LightScene, Normalisation, RecordedTask, SensorTask, SplitRule, TargetScaling
@@ -28,6 +31,16 @@ PROTOCOL: dict[str, Any] = {
     "target_scaling": TargetScaling.minmax,
     "workers": 1,
 }
+
+
+#: The room that each form of a source needs which is not of the core.
+_ROOMS = {"simulated": "simulator", "tacverse": "tacverse", "forces": "tacverse", "gratings": "tacverse"}
+
+
+def in_rooms(forms: Iterable[str]) -> list[ParameterSet]:
+    """Return parameters of a test, each with the mark of the room that it needs."""
+    rooms = {form: _ROOMS.get(form.split()[0]) for form in forms}
+    return [pytest.param(form, marks=[pytest.mark.room(room)] if room else []) for form, room in rooms.items()]
 
 
 def loaded(source: Source, cache: Path, **changes: Any) -> Dataset:

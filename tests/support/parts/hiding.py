@@ -19,10 +19,20 @@ import pytest
 from rooms import HIDES, ROOMS
 
 #: What publishing needs: anybody must be able to make a bundle's tables and figures again.
-PUBLISHING = ("crate", "figures", "motifs", "image tests", "transfer", "published")
+PUBLISHING = ("crate", "figures", "data check", "motifs", "image tests", "transfer", "published")
 
-#: Rooms that work with the help of others.
-WITH = MappingProxyType({"batches": ("hosted",), "document": ("figures", "motifs"), "crate": PUBLISHING})
+#: Rooms that work with the help of others, which stay with them.
+WITH = MappingProxyType(
+    {
+        "batches": ("hosted",),
+        "figures": ("data check",),  # both draw images, with Matplotlib
+        "data check": ("figures",),
+        "document": ("figures", "data check", "motifs"),
+        "crate": PUBLISHING,
+        "ray": ("gpus",),
+        "table": ("grammar",),  # whose networks it lists
+    }
+)
 
 #: Fixtures that need a room.
 FIXTURES = MappingProxyType({"empty_store": "mlflow", "browser": "page", "slurm": "slurm", "alone": "slurm"})
