@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from bundles import members_of, resealed
 from commands import publish
-from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
+from smallest import DRAWN, PUBLISHED_SIZES, SIMULATED, SMALLEST, UNTRACKED
 
 from tacevo.api.actions import study
 from tacevo.api.opening import open_run
@@ -230,10 +230,13 @@ def test_stores_that_a_bundle_names_are_not_looked_up(bundle: Path, place: Path)
 
 
 @pytest.mark.room("simulator")
-def test_place_of_data_that_are_made_is_not_looked_up(bundle: Path, place: Path) -> None:
+def test_place_of_data_that_are_made_is_not_looked_up(place: Path) -> None:
     """Simulated images have none; a bundle that names one all the same is read without it."""
+    tiny = ["search.generations=0", "search.initial=1", "run.dir=run"]
+    assert main(["search", *SIMULATED, *DRAWN, UNTRACKED, *tiny]) == 0
+    publish("run", "-o", "run.zip")
     (place / "images").mkdir()
-    directory = forged(bundle, place / "near" / "one.zip", root="images", source="simulated")
+    directory = forged(place / "run.zip", place / "near" / "one.zip", root="images", source="simulated")
     (place / "beside").mkdir()
     os.chdir(place / "beside")
     assert found_data(directory, settings_of(directory)) == "images"

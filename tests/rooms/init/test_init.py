@@ -33,6 +33,7 @@ def contents(conf: Path) -> dict[str, bytes | None]:
     return {name: None if path.is_dir() else path.read_bytes() for name, path in paths.items()}
 
 
+@pytest.mark.room("simulator")
 @pytest.mark.few(1)
 @pytest.mark.parametrize("like", ["force", "grating", "hardness", "shape"])
 def test_new_task_is_the_other_under_its_own_name(like: str, conf: Path, capsys: pytest.CaptureFixture[str]) -> None:
