@@ -25,6 +25,7 @@ from refusals import refused
 from rich.console import Console
 from safetensors.numpy import load_file, save
 from smallest import Once
+from tests_own import Touches
 
 import tacevo
 from tacevo.cli.app import main
@@ -367,22 +368,19 @@ def test_too_large_is_refused_before_it_is_trained(parameters: int, seeds: int, 
         )
 
 
-@pytest.mark.room("simulator")
 def test_images_are_listed_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A recording is large, and every header of it is read each time."""
-    from tacevo.data.simulator.tasks import Simulated
+    listed: list[Touches] = []
 
-    listed: list[Simulated] = []
-
-    def list_it(source: Simulated) -> Catalogue:
+    def list_it(source: Touches) -> Catalogue:
         listed.append(source)
         return catalogue(source)
 
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    catalogue = Simulated.catalogue
-    monkeypatch.setattr(Simulated, "catalogue", list_it)
+    catalogue = Touches.catalogue
+    monkeypatch.setattr(Touches, "catalogue", list_it)
     monkeypatch.setattr(directory, "train", stop)
     shutil.rmtree("cache/data")
     run = tacevo.open("run")
