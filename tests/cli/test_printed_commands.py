@@ -92,7 +92,7 @@ def test_run_without_a_study_names_the_command_that_makes_one(run: Path, capsys:
     assert compose_study(shlex.split(named)).sweep == HOSTILE
 
 
-@pytest.mark.room("simulator")
+@pytest.mark.room("simulator", "data check")
 def test_exported_images_are_read_by_the_command_that_is_printed(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

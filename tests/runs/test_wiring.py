@@ -111,7 +111,7 @@ def test_archive_is_loaded_as_the_kind_that_its_labels_are(tmp_path: Path, label
         assert load(tmp_path, "data=numpy").facts.counts == (10, 1, 1)
 
 
-@pytest.mark.room("tacverse")
+@pytest.mark.room("tacverse", "simulator")
 @pytest.mark.parametrize("overrides", [["data=simulated"], ["data=tacverse", "data.root=recording"]])
 def test_task_that_a_source_does_not_know_is_refused(overrides: list[str]) -> None:
     """The message lists the tasks that it knows."""
