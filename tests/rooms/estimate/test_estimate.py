@@ -29,6 +29,8 @@ from tacevo.runs.wiring import build_settings
 from tacevo.storage.store import Store
 from tacevo.text import lasting
 
+pytestmark = pytest.mark.room("simulator", "grammar")
+
 SMALL = [
     "experiment=published_force",
     "llm=anthropic",
@@ -79,7 +81,6 @@ def record(overrides: list[str], requests: list[Request], *, tokens: tuple[int, 
         store.write(to_json(request), to_json(completion))
 
 
-@pytest.mark.room("simulator")
 def test_estimate_needs_no_key_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -96,7 +97,6 @@ def test_estimate_needs_no_key_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.room("simulator")
 def test_cost_is_told_before_the_hours_are_measured(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -113,7 +113,6 @@ def test_cost_is_told_before_the_hours_are_measured(
     assert capsys.readouterr().out == "hours\n"
 
 
-@pytest.mark.room("simulator")
 def test_estimate_of_a_sweep_has_every_job_and_their_sum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -157,7 +156,6 @@ def test_sum_of_a_sweep_is_that_of_its_jobs_and_measures_a_pace_once(overrides: 
     assert (together[1], together[5], together[6]) == ("96", "unknown", "unknown")
 
 
-@pytest.mark.room("simulator")
 @pytest.mark.few(1)
 @pytest.mark.parametrize("chosen", [[], ["llm=openai"], ["llm.model=claude-opus-5"]])
 def test_estimate_needs_no_choice_of_a_model(chosen: list[str], tmp_path: Path) -> None:
@@ -184,7 +182,6 @@ def test_recorded_answers_of_generation_0_cost_nothing(overrides: Estimating) ->
     assert "answers are like the mean of the 3 recorded ones of this model" in described(compose(overrides()))
 
 
-@pytest.mark.room("simulator")
 def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
     """Both columns of the table, from the price table and the tokens."""
     estimated = estimate(compose(overrides()))
