@@ -34,6 +34,12 @@ def test_every_metric_has_a_table() -> None:
     assert names == ["ablation", "ablation_settings", *metrics, "ablation_runs"]
 
 
+def test_free_answers_have_no_table_of_costs() -> None:
+    """Where nothing cost anything, there is nothing to compare."""
+    free = replace(FOUND, jobs=FOUND.jobs.assign(**{Metric.cost.name: 0.0}))
+    assert "ablation_cost" not in [table.name for table in ablation_tables(SWEEP, free, ARCHIVE)]
+
+
 def test_arms_have_a_median_and_its_interval() -> None:
     """Fractions are percentages; five equal seeds have an interval without width."""
     row = dict(zip(arms_table(SWEEP, FOUND, "n").columns, arms_table(SWEEP, FOUND, "n").rows[0], strict=True))
