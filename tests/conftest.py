@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import commands
 import interruptions
 import pytest
+from checkout import SHARED, VARIABLE
 from filelock import FileLock
 from hypothesis import settings
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
@@ -39,6 +40,12 @@ if not os.access(Path.home(), os.W_OK):
 settings.register_profile("tacevo", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", settings.get_profile("tacevo"), max_examples=400)  # `make test-all`
 settings.load_profile("tacevo")
+
+
+def pytest_report_header() -> str:
+    """Say whether tests try real recordings and answers, too, which are not published."""
+    where = SHARED if SHARED.is_dir() else f"none ({VARIABLE} names their directory)"
+    return f"recordings and real answers: {where}"
 
 
 def pytest_collectstart() -> None:
