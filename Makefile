@@ -11,12 +11,12 @@ DOCS := build/docs
 
 # Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
 TWO := --numprocesses 2 --dist worksteal
-test test-slow test-all test-cluster test-cluster-all coverage: export OMP_NUM_THREADS := 1
+test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export OMP_NUM_THREADS := 1
 # Tests start hundreds of processes, which would each compile the package again where this is set.
-test test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
+test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo examples test test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick mutants replay paper docs lock clean
+.PHONY: help setup demo examples test test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick mutants replay paper docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -50,6 +50,15 @@ demo: $(READY) ## run a small search, train its best networks again with other s
 test: $(DEV) ## run the quick tests, two at a time (ten minutes on two slow cores)
 	$(BIN)/pytest $(TWO)
 
+test-core: $(DEV) ## the core's tests, or those of TESTS="DIR DIR", with every part that can be left out hidden from import
+	$(BIN)/pytest $(TWO) --without-rooms $(TESTS)
+
+# Pytest ends with 5 where a part has slow tests alone.
+PARTS := $(notdir $(wildcard tests/rooms/*)) crate
+test-parts: $(DEV) ## the tests of each such part, or of PARTS="NAME NAME", with all others hidden
+	@for part in $(PARTS); do echo "$$part, alone with the core"; \
+		$(BIN)/pytest $(TWO) --quiet --room $$part || test $$? = 5 || exit; done
+
 test-slow: $(DEV) ## run the tests that attack each promise further, or for long
 	$(BIN)/pytest $(TWO) -m "slow and not cluster"
 
@@ -69,10 +78,10 @@ test-gpu: $(DEV) ## run the tests that need an NVIDIA GPU
 	$(BIN)/pytest -m gpu
 
 test-cluster: $(DEV) ## run the tests on clusters of several nodes: Ray, and Slurm where it is installed
-	$(BIN)/pytest tests/cluster -m "cluster and not slow"
+	$(BIN)/pytest tests/rooms/ray tests/rooms/slurm -m "cluster and not slow"
 
 test-cluster-all: $(DEV) ## the same, and those that wait for minutes
-	$(BIN)/pytest tests/cluster -m cluster
+	$(BIN)/pytest tests/rooms/ray tests/rooms/slurm -m cluster
 
 coverage: $(DEV) ## run `make test` and `make test-slow`, and print the lines that no test reaches
 	$(BIN)/pytest $(TWO) -m "not long and not portable and not cluster" --cov --cov-report=term-missing:skip-covered

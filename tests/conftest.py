@@ -16,8 +16,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import commands
 import interruptions
 import pytest
+from checkout import SHARED, VARIABLE
 from filelock import FileLock
 from hypothesis import settings
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
@@ -25,6 +27,8 @@ from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
     from slurm_cluster import Slurm
+
+pytest_plugins = ["hiding"]
 
 # A shell has what it starts in the background ignore Ctrl-C, and so would every process that a test starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -36,6 +40,12 @@ if not os.access(Path.home(), os.W_OK):
 settings.register_profile("tacevo", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", settings.get_profile("tacevo"), max_examples=400)  # `make test-all`
 settings.load_profile("tacevo")
+
+
+def pytest_report_header() -> str:
+    """Say whether tests try real recordings and answers, too, which are not published."""
+    where = SHARED if SHARED.is_dir() else f"none ({VARIABLE} names their directory)"
+    return f"recordings and real answers: {where}"
 
 
 def pytest_collectstart() -> None:
@@ -114,7 +124,7 @@ def copied(whole_search: tuple[Path, str], place: Path) -> Path:
 @pytest.fixture
 def keys(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put keys where the SDKs look for them."""
-    from hosted import KEY
+    from asked import KEY
 
     for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
         monkeypatch.setenv(name, KEY)
@@ -170,7 +180,7 @@ def _publish_run(folder: Path) -> None:
     where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'cache'}"]
     assert main(["search", *SMALLEST, UNTRACKED, *PUBLISHED_SIZES, *where]) == 0
     assert main(["study", f"run={folder / 'run'}", "elites=1", "seeds=4", "epochs=1"]) == 0
-    assert main(["publish", str(folder / "run"), "-o", str(folder / "run.zip"), "--author", "A. Nyone"]) == 0
+    commands.publish(str(folder / "run"), "-o", str(folder / "run.zip"), "--author", "A. Nyone")
 
 
 @pytest.fixture
@@ -212,10 +222,8 @@ def swept(once: Once) -> Path:
 def _publish_sweep(folder: Path) -> None:
     from tiny_sweep import run_sweep
 
-    from tacevo.cli.app import main
-
     run_sweep(folder / "sweep", folder / "cache")
-    assert main(["publish", str(folder / "sweep"), "-o", str(folder / "sweep.zip"), "--author", "A. Nyone"]) == 0
+    commands.publish(str(folder / "sweep"), "-o", str(folder / "sweep.zip"), "--author", "A. Nyone")
 
 
 @pytest.fixture(scope="session")

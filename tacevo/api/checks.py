@@ -10,7 +10,6 @@ from tacevo.api import frames
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
 from tacevo.runs.answers import judged_answers
-from tacevo.runs.data_check import inspect_data
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,6 +49,8 @@ def check_data(*overrides: str, sheet: str | os.PathLike[str] | None = None, qui
         DataError: the data set is broken, or does not suit the task.
     """
     from rich.console import Console
+
+    from tacevo.runs.data_check import inspect_data  # a part
 
     console = Console(stderr=True, quiet=quiet)
     inspection = to_json(inspect_data(overrides, None if sheet is None else os.fspath(sheet), console))

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.bundles.crate import metadata
 from tacevo.bundles.format import LOCK, RUN_FILES, STORE, SWEEP, candidate_entry, sealed
 from tacevo.bundles.open import Opened, located
 from tacevo.bundles.readme import Subject, Terms, citation, licence, readme
@@ -275,6 +274,8 @@ def _in_folder(folder: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
 
 def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str, bytes]:
     """Write what describes a bundle, the metadata last: it lists all others."""
+    from tacevo.bundles.crate import metadata  # a part: only publishing needs it
+
     versions = subject.first.record.versions
     lock = _lock(versions)
     texts = {

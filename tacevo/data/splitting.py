@@ -115,7 +115,7 @@ def _group_ends(sums: npt.NDArray[np.int64], ends: tuple[int, int]) -> tuple[int
     before the end of the first two parts.
     """
     second = min(max(_nearest(sums, ends[1]), 2), len(sums) - 1)
-    first = min(max(_nearest(sums, ends[0]), 1), second - 1)
+    first = min(_nearest(sums, ends[0]), second - 1)
     return int(sums[first - 1]), int(sums[second - 1])
 
 

@@ -91,10 +91,20 @@ def needed_llm(config: RunConfig) -> LLM:
         SandboxError: as `check_means`.
         ConfigError: as `check_means`; the model's key is missing; or a part is.
     """
+    check_needed(config)
+    return build_llm(config, Mode.record)
+
+
+def check_needed(config: RunConfig) -> None:
+    """Check that this machine has what a run needs that asks no model.
+
+    Raises:
+        SandboxError: as `check_means`.
+        ConfigError: as `check_means`; or a part is missing.
+    """
     check_means(config)
     part_of(config, TRACKERS)
     skipping_of(config)
-    return build_llm(config, Mode.record)
 
 
 def record(

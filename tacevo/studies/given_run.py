@@ -18,7 +18,8 @@ from tacevo.records import Completion, Given, Mode, Rejection, Task
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
-from tacevo.runs.session import needed_llm, record
+from tacevo.runs.providers import build_llm
+from tacevo.runs.session import check_needed, record
 from tacevo.runs.wiring import Workbench, started_ahead
 from tacevo.text import counted
 
@@ -34,7 +35,8 @@ def record_given(config: RunConfig, files: Mapping[Path, Given], view: Progress)
             one network.
         TacevoError: as `tacevo.runs.session.search`; what was computed so far is kept.
     """
-    llm = needed_llm(config)
+    check_needed(config)
+    llm = build_llm(config, Mode.replay)  # nothing is asked, so the provider may be missing
     with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)

@@ -36,6 +36,7 @@ def opened(published: Path) -> tacevo.Run:
     return run
 
 
+@pytest.mark.room("table", "page", "mlflow", "export")
 def test_public_names_are_frozen() -> None:
     """A program that was written for them goes on."""
     assert tacevo.__all__ == [
@@ -176,6 +177,7 @@ def test_every_column_has_values() -> None:
     assert not any(frame.index.isna().any() for frame in shown)
 
 
+@pytest.mark.room("figures")
 def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every table and the summary, byte for byte; a study's table by its own name, too."""
     assert main(["tables", "run"]) == 0
@@ -191,6 +193,7 @@ def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixtu
     assert next(iter(made.figures)) == "samples"
 
 
+@pytest.mark.room("figures")
 def test_figures_show_themselves_in_a_notebook(opened: tacevo.Run) -> None:
     """By IPython's own rule, whatever a user's Matplotlib is set to; each that a run without its images has."""
     for name, draw in opened.figures.items():

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 from bundles import members_of, resealed
-from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
+from commands import publish
+from smallest import DRAWN, PUBLISHED_SIZES, SIMULATED, SMALLEST, UNTRACKED
 
 from tacevo.api.actions import study
 from tacevo.api.opening import open_run
@@ -32,6 +33,7 @@ def sibling(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return own
 
 
+@pytest.mark.room("figures")
 def test_answers_are_equal_from_every_directory(sibling: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Re-estimates, tables and figures, which the stores hold, are those of the run's own directory."""
     there = open_run(sibling / "run")
@@ -124,6 +126,7 @@ def test_open_run_is_studied_with_the_stores_that_it_has(sibling: Path) -> None:
     assert not Path("cache").exists()
 
 
+@pytest.mark.room("figures")
 def test_missing_stores_are_told_by_every_object_that_needs_them(sibling: Path) -> None:
     """What would be other numbers is an error or left out; run, study, tables and figures say that stores are missing.
 
@@ -225,10 +228,14 @@ def test_stores_that_a_bundle_names_are_not_looked_up(bundle: Path, place: Path)
     assert settings_of(directory).store.root == "stores"
 
 
-def test_place_of_data_that_are_made_is_not_looked_up(bundle: Path, place: Path) -> None:
+@pytest.mark.room("simulator")
+def test_place_of_data_that_are_made_is_not_looked_up(place: Path) -> None:
     """Simulated images have none; a bundle that names one all the same is read without it."""
+    tiny = ["search.generations=0", "search.initial=1", "run.dir=run"]
+    assert main(["search", *SIMULATED, *DRAWN, UNTRACKED, *tiny]) == 0
+    publish("run", "-o", "run.zip")
     (place / "images").mkdir()
-    directory = forged(bundle, place / "near" / "one.zip", root="images", source="simulated")
+    directory = forged(place / "run.zip", place / "near" / "one.zip", root="images", source="simulated")
     (place / "beside").mkdir()
     os.chdir(place / "beside")
     assert found_data(directory, settings_of(directory)) == "images"
@@ -263,7 +270,7 @@ def test_bundle_without_images_says_that_it_holds_none(
 ) -> None:
     """Beside the data it is replayed with its trainings; anywhere it is replayed without them."""
     bundle = recorded.parents[1] / "one.zip"
-    assert main(["publish", str(recorded), "-o", str(bundle)]) == 0
+    publish(str(recorded), "-o", str(bundle))
     assert main(["replay", str(bundle), "--retrain", "1"]) == 0
     away = recorded.parents[2] / "away"
     away.mkdir()

@@ -13,6 +13,8 @@ from benchmarks.__main__ import BENCHMARKS, RESULTS
 from benchmarks.record import BEGIN, END, record, table, with_table, write
 from benchmarks.timing import Figure, descendants_seconds, medians, report
 
+pytestmark = pytest.mark.room("hosted", "mlflow", "grammar", "table")
+
 LONELY = Figure(title="memory", name="ours", value=12.0, unit="MB")
 
 

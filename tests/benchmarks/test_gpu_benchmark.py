@@ -18,6 +18,8 @@ from tacevo.config.compose import compose
 from tacevo.runs.answers import task_without_data
 from tacevo.text import table
 
+pytestmark = pytest.mark.room("estimate")
+
 
 @pytest.fixture(autouse=True)
 def _torch_settings() -> Iterator[None]:

@@ -11,6 +11,8 @@ from made_up import TINY, made_up_table
 from benchmarks.confinement import Seconds
 from benchmarks.reach import LONG, Space, Visit, Way, at_random, expected_seconds, reached, told
 
+pytestmark = pytest.mark.room("table")
+
 PRICE = Seconds(probe=0.5, start=0.5, epoch=2)
 
 FREE = Seconds(probe=0, start=0, epoch=0)

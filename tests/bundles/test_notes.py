@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from bundles import laid_out, members_of, resealed
+from commands import publish
 from refusals import refused
 
 from tacevo.cli.app import main
@@ -51,7 +52,7 @@ def test_note_is_published_and_shown(noted: Path, tmp_path: Path, capsys: pytest
     One that no command could show is refused with its bundle, by whatever command opens it.
     """
     bundle = tmp_path / "run.zip"
-    assert main(["publish", str(noted), "-o", str(bundle)]) == 0
+    publish(str(noted), "-o", str(bundle))
     members = members_of(bundle)
     assert members["run/NOTE.md"].decode() == LIMITS
     told = "A model answered, which nobody can ask again."
@@ -95,11 +96,11 @@ def test_note_of_a_sweep_is_published_with_it(swept: Path, tmp_path: Path) -> No
     shutil.copytree(swept / "sweep", tmp_path / "sweep")
     (tmp_path / "sweep" / "NOTE.md").write_text(LIMITS)
     first, again = tmp_path / "sweep.zip", tmp_path / "again.zip"
-    assert main(["publish", str(tmp_path / "sweep"), "--store", str(swept / "cache"), "-o", str(first)]) == 0
+    publish(str(tmp_path / "sweep"), "--store", str(swept / "cache"), "-o", str(first))
     members = members_of(first)
     assert members["sweep/NOTE.md"].decode() == LIMITS
     assert "\n\nOne search.\n\nOne split.\n" in members["README.md"].decode()
     assert main(["replay", str(first)]) == 0
     folder, store = laid_out(first, tmp_path / "laid out")
-    assert main(["publish", str(folder), "--store", str(store), "-o", str(again)]) == 0
+    publish(str(folder), "--store", str(store), "-o", str(again))
     assert again.read_bytes() == first.read_bytes()

@@ -14,12 +14,16 @@ from pathlib import Path
 import pytest
 import yaml
 from bundles import entries_of, members_of
+from commands import publish
 from rocrate.rocrate import ROCrate
+from smallest import SIMULATED, UNTRACKED
 
 from tacevo.bundles.format import STORE
 from tacevo.cli.app import main
 from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import SEARCHED, Store
+
+pytestmark = pytest.mark.room("publishing")
 
 
 def test_bytes_are_the_same_from_anywhere(published: Path, tmp_path: Path) -> None:
@@ -157,22 +161,26 @@ def test_crate_is_sound(published: Path, tmp_path: Path) -> None:
     assert {part["@id"] for part in root["hasPart"]} == names - {"ro-crate-metadata.json"}
     assert all(entities[part["@id"]]["@type"] == "File" for part in root["hasPart"])
     assert entities[root["license"]["@id"]]["name"] == "CC-BY-4.0"
-    assert "no LLM" in root["description"]
     ended = json.loads((published / "run" / "timings.jsonl").read_text().splitlines()[-1])["at"]
     assert root["datePublished"] == ended[:10]
     assert [person["name"] for person in ROCrate(str(tmp_path)).root_dataset["author"]] == ["A. Nyone"]
 
 
-def test_readme_and_citation_say_what_it_is_and_how_to_replay_it(published: Path) -> None:
+@pytest.mark.room("simulator", "grammar")
+def test_readme_and_citation_say_what_it_is_and_how_to_replay_it(place: Path) -> None:
     """No LLM answered, the command that makes the images is complete; the Citation File Format has its fields."""
-    members = members_of(published / "run.zip")
+    assert main(["search", *SIMULATED, UNTRACKED, "search.generations=0", "search.initial=1", "run.dir=run"]) == 0
+    publish("run", "-o", "run.zip", "--author", "A. Nyone")
+    members = members_of(place / "run.zip")
     cited = yaml.safe_load(members["CITATION.cff"])
     assert (cited["cff-version"], cited["authors"]) == ("1.2.0", [{"name": "A. Nyone"}])
     assert {"title", "message", "date-released", "license"} <= cited.keys()
+    (root,) = (one for one in json.loads(members["ro-crate-metadata.json"])["@graph"] if one["@id"] == "./")
+    assert "no LLM" in root["description"]
     text = members["README.md"].decode()
     assert "no LLM" in text
     assert "tacevo replay THIS_FILE.zip" in text
-    run = json.loads((published / "run" / "run.json").read_text())
+    run = json.loads((place / "run" / "run.json").read_text())
     assert run["data"]["fingerprint"] in text
     assert f"tacevo data simulate task=force data.images={run['config']['data']['images']} " in text
 

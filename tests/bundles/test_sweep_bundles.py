@@ -129,6 +129,7 @@ def test_published_sweep_is_shown_as_its_directory(swept: Path, capsys: pytest.C
     assert len(shown[0]) == len(OWN)
 
 
+@pytest.mark.room("page")
 def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Commands that take a run take it by its name, and say the same as of its directory."""
     published, directory = f"{swept}/sweep.zip/none-seed1", f"{swept}/sweep/none-seed1"
@@ -152,6 +153,7 @@ def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pyt
     assert "name by -o where to write figures" in capsys.readouterr().err
 
 
+@pytest.mark.room("page")
 def test_job_of_a_published_sweep_is_not_believed(
     whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from asked import KEY
 from commands import tacevo
-from hosted import KEY
 from llm_script import Body, Script
 from llm_server import serving
 from small_recordings import save_image

@@ -100,6 +100,7 @@ def described(members: Members, **changes: Any) -> Members:
     return {**members, name: json.dumps({**json.loads(members[name]), **changes}).encode()}
 
 
+@pytest.mark.room("publishing")
 def test_replay_needs_nothing_but_the_bundle(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """In an empty directory, it says what was compared, and ends with the run's digest."""
     assert main(["replay", str(published / "run.zip")]) == 0
@@ -299,6 +300,7 @@ def test_count_beyond_all_bounds_is_told_by_its_key(
         assert f"x.zip, run/run.json: expected a configuration of this version; got {key}: expected an integer" in said
 
 
+@pytest.mark.room("page")
 def test_study_has_as_many_scores_as_its_header_says(
     whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

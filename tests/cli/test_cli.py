@@ -17,7 +17,7 @@ import pytest
 import yaml
 from interruptions import SEARCH, ends, processes_of
 from refusals import refused
-from smallest import UNTRACKED
+from smallest import DRAWN, UNTRACKED
 from waiting import eventually
 
 from tacevo.cli.app import main
@@ -156,7 +156,7 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
         (["search", "seed=abc"], 'seed: expected an integer; got "abc"'),
         (["search", "archive.niches=0"], "archive.niches: expected"),
         (["search", "task=forse"], "one of force, grating, hardness, shape"),
-        (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
+        (["search", "experiment=demo", "data=folder", "data.root=nowhere", UNTRACKED, *DRAWN], "nowhere"),
         (
             ["replay", "nowhere"],
             "nowhere: expected the directory or bundle of a run or a sweep; got a path that does not exist",
@@ -274,6 +274,7 @@ def test_check_judges_raw_answers(place: Path, capsys: pytest.CaptureFixture[str
     assert (bad["verdict"], bad["stage"], bad["reason"]) == ("rejected", "extract", "no_class")
 
 
+@pytest.mark.room("simulator", "grammar")
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGINT])
 def test_stop_while_images_are_made_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:

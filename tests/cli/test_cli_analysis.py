@@ -17,7 +17,16 @@ from tacevo.results.run import read_run
 from tacevo.results.study_directory import StudyDirectory
 from tacevo.storage.files import in_use
 
+#: Each with the room that it needs.
+COMMANDS = [
+    "tables",
+    pytest.param("figures", marks=pytest.mark.room("figures")),
+    pytest.param("report", marks=pytest.mark.room("page")),
+    pytest.param("report --latex", marks=pytest.mark.room("document")),
+]
 
+
+@pytest.mark.room("motifs")
 def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each has its three files, and is in the index; what is printed is what a paper needs."""
     assert main(["tables", str(run)]) == 0
@@ -40,6 +49,7 @@ def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture
     assert printed.endswith("tables: run/tables (index.md says which question each answers)\n")
 
 
+@pytest.mark.room("published")
 @pytest.mark.slow
 def test_tables_of_several_runs_lie_in_a_directory_each(
     run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]
@@ -60,6 +70,7 @@ def test_tables_of_several_runs_lie_in_a_directory_each(
     assert set(re.findall(r"\\label{.*?}", printed)) <= set(labels)
 
 
+@pytest.mark.room("published")
 def test_tables_of_the_paper_need_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Printed values stand beside Holm's; files are written only where -o says so."""
     assert main(["tables", "--paper"]) == 0
@@ -68,6 +79,7 @@ def test_tables_of_the_paper_need_no_run(tmp_path: Path, capsys: pytest.CaptureF
     assert (tmp_path / "out" / "published_force.tex").is_file()
 
 
+@pytest.mark.room("published")
 def test_tables_of_the_paper_stand_beside_a_run(run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With a run or a bundle, its results are set beside the published ones."""
     for recorded in (run, bundle):
@@ -77,7 +89,7 @@ def test_tables_of_the_paper_stand_beside_a_run(run: Path, bundle: Path, capsys:
         assert all(f"({name}.md)" in index for name in ("gate", "published_force", "beside_published"))
 
 
-@pytest.mark.parametrize("arguments", [["RUN"], ["--paper"]])
+@pytest.mark.parametrize("arguments", [["RUN"], pytest.param(["--paper"], marks=pytest.mark.room("published"))])
 def test_tables_that_cannot_be_written_are_not_printed(
     arguments: list[str], run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -90,7 +102,7 @@ def test_tables_that_cannot_be_written_are_not_printed(
     assert Path("file").read_text() == "mine"
 
 
-@pytest.mark.parametrize("command", ["tables", "figures", "report", "report --latex"])
+@pytest.mark.parametrize("command", COMMANDS)
 def test_store_that_is_no_folder_is_refused(command: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A mistyped one would be filled with probes and images; nothing is made."""
     before = contents(Path())
@@ -99,6 +111,7 @@ def test_store_that_is_no_folder_is_refused(command: str, run: Path, capsys: pyt
     assert contents(Path()) == before
 
 
+@pytest.mark.room("figures")
 @pytest.mark.slow
 def test_figures_come_in_the_formats_that_were_asked_for(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The samples, the search's and the study's; drawn again, they are the same bytes."""
@@ -113,7 +126,8 @@ def test_figures_come_in_the_formats_that_were_asked_for(run: Path, capsys: pyte
 
 
 @pytest.mark.parametrize(
-    ("command", "folder"), [("tables", "tables"), pytest.param("figures", "figures", marks=pytest.mark.slow)]
+    ("command", "folder"),
+    [("tables", "tables"), pytest.param("figures", "figures", marks=[pytest.mark.slow, pytest.mark.room("figures")])],
 )
 def test_files_that_a_call_did_not_write_stay(
     command: str, folder: str, run: Path, capsys: pytest.CaptureFixture[str]
@@ -169,7 +183,7 @@ def _remove(run: Path) -> None:
     (run / "run.json").unlink()
 
 
-@pytest.mark.parametrize("command", ["tables", "figures", "report", "report --latex"])
+@pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [(_cut, "is not finished"), (_remove, "run.json"), (shutil.rmtree, "got a path that does not exist")],
@@ -190,7 +204,7 @@ def test_what_is_no_finished_run_is_refused(
     ("command", "results"),
     [
         ("tables", "out"),
-        pytest.param("figures", "out", marks=pytest.mark.slow),
+        pytest.param("figures", "out", marks=[pytest.mark.slow, pytest.mark.room("figures")]),
     ],
 )
 def test_published_run_gives_what_its_folder_gives(command: str, results: str, run: Path, bundle: Path) -> None:

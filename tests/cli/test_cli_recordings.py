@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from checkout import SHARED
-from smallest import ARCHIVES, UNTRACKED
+from smallest import ARCHIVES, DRAWN, UNTRACKED
 
 from tacevo.cli.app import main
 
@@ -16,6 +16,7 @@ needs_recordings = pytest.mark.skipif(not DATA.is_dir(), reason="the real record
 SMALL = [
     "experiment=published_force",
     *ARCHIVES,
+    *DRAWN,
     UNTRACKED,
     "training.epochs=1",
     "search.generations=1",

@@ -173,6 +173,7 @@ def test_second_interruption_hides_nothing_that_the_first_one_says(
     assert "what was computed is kept" in capsys.readouterr().err
 
 
+@pytest.mark.room("document")
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_command_that_is_ended_says_so(number: signal.Signals, status: int, bundle: Path, tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ def test_edited_plan_of_a_study_is_found(folder: Path, capsys: pytest.CaptureFix
     assert main(["study", "run=run", "elites=1", "seeds=4", "epochs=1", f"plan={PLAN}"]) == 0
     (study,) = (path for path in folder.glob("run/studies/*/study.json") if json.loads(path.read_text())["plan"])
     described = json.loads(study.read_text())
-    described["plan"]["seeds"] = 4
+    described["plan"]["seeds"] += 1
     study.write_text(json.dumps(described))
     assert main(["replay", "run"]) == 1
     assert "plan.seeds" in capsys.readouterr().err

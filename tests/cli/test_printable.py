@@ -59,6 +59,7 @@ def test_errors_and_lines_escape_alike(text: str) -> None:
     assert unbroken(text).isprintable()
 
 
+@pytest.mark.room("data check")
 def test_data_of_a_stranger_is_text_on_the_terminal(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Names of directories and files are names of classes and images."""
     for name in ("wide", "fine\nwarning: none \x1b[2J\u202e"):

@@ -20,8 +20,6 @@ from tacevo.results.noise_runs import noise_digest
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory, SweepRecord
 from tacevo.text import as_override
-from tacevo.tracking.address import viewing
-from tacevo.tracking.tracker import Mirror
 
 #: The name of a directory in which a shell and Hydra would each read something else.
 HOSTILE = 'it\'s [a] "b", ${c}; (1=2) & #3'
@@ -51,17 +49,22 @@ def test_plain_value_needs_no_quotes() -> None:
     assert as_override("run", "runs/force-seed0-1a2b.x") == "run=runs/force-seed0-1a2b.x"
 
 
+@pytest.mark.room("mlflow")
 def test_store_is_looked_at_by_a_command_that_can_be_typed() -> None:
     """A shell puts the variable in, and leaves its value whole."""
+    from tacevo.tracking.address import viewing
+
     uri = f"sqlite:////home/{HOSTILE}/mlflow.db"
     assert shlex.split(viewing(uri, "mlflow")) == ["mlflow", "ui", "--backend-store-uri", uri]
     assert viewing("", "mlflow") == 'mlflow ui --backend-store-uri "$MLFLOW_TRACKING_URI"'
 
 
+@pytest.mark.room("mlflow")
 def test_warning_of_the_mirror_names_the_run(tmp_path: Path) -> None:
     """Its command writes what is missing."""
-    mirror = Mirror([tmp_path / HOSTILE], uri="sqlite:///mlflow.db", experiment="tacevo")  # which is missing
+    from tacevo.tracking.tracker import Mirror
 
+    mirror = Mirror([tmp_path / HOSTILE], uri="sqlite:///mlflow.db", experiment="tacevo")  # which is missing
     assert printed(mirror.finish(None) or "") == [["tacevo", "track", str(tmp_path / HOSTILE)]]
 
 
@@ -73,6 +76,7 @@ def test_run_without_a_noise_run_names_the_command_that_makes_one(tmp_path: Path
     assert printed(raised.value.remedy) == [["tacevo", "noise", str(tmp_path / HOSTILE)]]
 
 
+@pytest.mark.room("page")
 def test_run_without_a_study_names_the_command_that_makes_one(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Beside its tables, and as a pilot of a plan; of a sweep, all jobs can be studied."""
     shutil.rmtree(run / "studies")
@@ -87,6 +91,7 @@ def test_run_without_a_study_names_the_command_that_makes_one(run: Path, capsys:
     assert compose_study(shlex.split(named)).sweep == HOSTILE
 
 
+@pytest.mark.room("simulator", "data check")
 def test_exported_images_are_read_by_the_command_that_is_printed(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -125,7 +130,11 @@ def test_job_behind_a_sweep_is_answered_with_the_name_of_its_run(
     assert f"a job of it is named {place}/JOB; got none-seed0" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [["show"], ["export", "-o", "network"]], ids=lambda words: words[0])
+@pytest.mark.parametrize(
+    "command",
+    [["show"], pytest.param(["export", "-o", "network"], marks=pytest.mark.room("export"))],
+    ids=lambda words: words[0],
+)
 def test_what_is_no_id_is_answered_with_one(
     command: list[str], published: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -328,7 +328,7 @@ def test_every_file_of_the_library_belongs_to_a_task() -> None:
     named = {name for task in tasks for name in (task.baseline, task.instructions, task.system)}
     root = conf_root()
     there = {str(path.relative_to(root)) for path in (root / "library").rglob("*.*") if path.suffix != ".pyc"}
-    published = {name for name in there if "/published/" in name}  # tests/analysis/motifs/test_rebuilt_variants.py
+    published = {name for name in there if "/published/" in name}  # tests/rooms/motifs/test_rebuilt_variants.py
     given = {f"library/tacverse/{name}.py" for name in ("resnet18", "convnext_tiny", "vit_small")}
     assert there - published - given - {"library/README.md", "library/grating/by_hand.py"} == named
 

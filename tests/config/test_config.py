@@ -287,7 +287,7 @@ def test_every_setting_decides_or_does_not() -> None:
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
     listed |= {"parts", "code"}  # what a user brought: tests/parts
     listed |= {"llm.label"}  # which stands for the model, below
-    listed |= {"llm.space"}  # which decides where there is one: tests/llm/grammar/test_space.py
+    listed |= {"llm.space"}  # which decides where there is one: tests/rooms/grammar/test_space.py
     listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
     listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}

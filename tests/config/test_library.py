@@ -5,6 +5,8 @@ from checkout import LIBRARY
 from grammar_strategies import build, train_a_step
 from torch import nn
 
+pytestmark = pytest.mark.room("grammar")
+
 TASKS = ("force", "grating", "hardness", "shape")
 
 

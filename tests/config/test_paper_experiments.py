@@ -183,6 +183,7 @@ def test_paper_experiment_without_a_model_says_what_to_add(
     assert list(place.iterdir()) == []
 
 
+@pytest.mark.room("data check", "simulator")
 def test_data_of_a_paper_experiment_are_looked_at_without_a_model(place: Path) -> None:
     """Images do not need a model, so a model need not be chosen."""
     assert main(["data", "check", "experiment=paper_force", "data.images=10", "data.image_size=32"]) == 0

@@ -17,9 +17,10 @@ from tacevo.data.staging import LOCK
 LOAD_IN_A_PROCESS = """
 import os, resource, signal, sys
 from pathlib import Path
-from tacevo.choices import LightScene, Normalisation, SensorTask, TargetScaling
+from tests_own import Touches
+
+from tacevo.choices import Normalisation, TargetScaling
 from tacevo.data.loading import load
-from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import DataError
 
 cache, fate, seed = sys.argv[1:]
@@ -34,8 +35,7 @@ def progress(done, total):
 soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 if fate == "limited":
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
-source = Simulated(task=SensorTask.force, images=300, image_size=16, seed=int(seed), sensor_seed=0,
-                   light=LightScene.standard, spacings_mm=())
+source = Touches(images=300, image_size=16, seed=int(seed))
 try:
     dataset = load(source, split_seed=0, normalisation=Normalisation.unit, target_scaling=TargetScaling.minmax,
                    cache=Path(cache), workers=1, progress=progress)
@@ -49,7 +49,7 @@ print("made" if told else "found", file=sys.stderr)
 
 
 def start(cache: Path, fate: str, *, seed: int = 0, before: tuple[str, ...] = ()) -> subprocess.Popen[str]:
-    """Start a process that loads a simulated data set, dies half-way, or may write little to a file."""
+    """Start a process that loads a data set, dies half-way, or may write little to a file."""
     command = [*before, sys.executable, "-c", LOAD_IN_A_PROCESS, str(cache), fate, str(seed)]
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 

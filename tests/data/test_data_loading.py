@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 from greys import Greys, entries
 from refusals import refused
-from small_recordings import loaded, save_arrays, save_folder, save_forces, save_gratings, save_table, simulated
+from small_recordings import (
+    in_rooms,
+    loaded,
+    save_arrays,
+    save_folder,
+    save_forces,
+    save_gratings,
+    save_table,
+    simulated,
+)
+from tests_own import Touches
 
 from tacevo.choices import Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import STATISTICS, fingerprint
@@ -80,7 +90,7 @@ def test_everything_that_decides_the_content_makes_another_entry(tmp_path: Path,
 
 def test_workers_change_no_byte(tmp_path: Path) -> None:
     """One thread and several give the same fingerprint."""
-    source = simulated(images=100)
+    source = Touches(images=100, image_size=16, seed=3)
     assert loaded(source, tmp_path / "one", workers=1).facts == loaded(source, tmp_path / "two", workers=3).facts
 
 
@@ -142,7 +152,7 @@ SOURCES: dict[str, Callable[[Path], tuple[Source, SplitRule]]] = {
 
 @pytest.mark.few(5)
 @pytest.mark.parametrize("scaling", [TargetScaling.minmax, TargetScaling.zscore])
-@pytest.mark.parametrize("form", SOURCES)
+@pytest.mark.parametrize("form", in_rooms(SOURCES))
 def test_only_the_training_split_decides_the_statistics(tmp_path: Path, form: str, scaling: TargetScaling) -> None:
     """Other validation and test images and labels change the fingerprint alone; one training picture more."""
     source, rule = SOURCES[form](tmp_path / "recording")

@@ -37,6 +37,19 @@ def test_split_is_complete_disjoint_ascending_and_even(count: int, seed: int, cl
         assert counts.max() - counts.min() <= 2
 
 
+@given(counts=st.lists(st.integers(1, 300), min_size=2, max_size=5), seed=st.integers(0, 2**32))
+def test_part_holds_each_class_in_proportion(counts: list[int], seed: int) -> None:
+    """However unequal the classes are: a stretch of the order has each within half a row and half of their number."""
+    if sum(counts) < 10:
+        return
+    rows = np.repeat(np.arange(len(counts)), counts)
+    parts = random_split(len(rows), seed, classes=rows)
+    assert_sound(parts, len(rows))
+    for part in (parts.train, parts.validation, parts.test):
+        expected = np.array(counts) * len(part) / len(rows)
+        assert np.abs(np.bincount(rows[part], minlength=len(counts)) - expected).max() <= 1 + len(counts)
+
+
 @pytest.mark.parametrize(
     ("count", "held_out", "expected"),
     [

@@ -14,6 +14,7 @@ import pytest
 from checkout import ROOT
 from commands import tacevo
 from presupposed import write_presupposed
+from rooms import ROOMS
 from smallest import Once
 
 from tacevo.cli.app import _parsed
@@ -117,6 +118,7 @@ COMMANDS = {page: commands_of(page) for page in PAGES}
 EACH = dict.fromkeys(command for commands in COMMANDS.values() for command, _ in commands if command[:6] == "tacevo")
 
 
+@pytest.mark.room(*ROOMS)
 @pytest.mark.few(30)
 @pytest.mark.parametrize("command", [command for command in EACH if not OF_A_READER.search(command)])
 def test_written_command_can_be_typed(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,6 +142,7 @@ def presupposed(once: Once) -> Path:
     return once("pages", write_presupposed)
 
 
+@pytest.mark.room(*ROOMS)
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(

@@ -8,6 +8,8 @@ import matplotlib.pyplot as plt
 import pytest
 from checkout import ROOT
 
+pytestmark = pytest.mark.room("figures")
+
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 

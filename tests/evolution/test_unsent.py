@@ -5,14 +5,12 @@ from dataclasses import replace
 
 import fakes
 import numpy as np
+import pytest
 from hand_runs import altered, closed, of_lines, run, trained
 from hand_sweeps import finished, run_to, sweep_of
 from ledger_lines import header
 from refusals import refused
 
-from analysis.figures.by_generation import temperature
-from analysis.figures.maps import prompt_map
-from analysis.report.figure_list import run_pictures
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
 from analysis.tables.dynamics import generations_table, temperatures_table
@@ -99,8 +97,13 @@ def test_health_page_says_it_instead_of_a_stuck_temperature() -> None:
     assert raised[0].sentence.startswith(WORDS)
 
 
+@pytest.mark.room("figures")
 def test_figures_of_temperatures_say_it() -> None:
     """In their titles and below them; the figure of temperatures shows no request at one."""
+    from analysis.figures.by_generation import temperature
+    from analysis.figures.maps import prompt_map
+    from analysis.report.figure_list import run_pictures
+
     hand = without_temperatures()
     for figure in (temperature(hand), prompt_map(hand, NICHES, range(len(NICHES)))):
         assert figure.axes[0].get_title().replace("\n", " ") == WORDS

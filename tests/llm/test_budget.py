@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hosted import request as asking
+from asked import request as asking
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused

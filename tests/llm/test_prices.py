@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hosted import request as asking
+from asked import request as asking
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused

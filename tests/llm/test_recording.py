@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
-from hosted import request
+from asked import request
 from refusals import refused
 
 from tacevo.errors import CacheMissError, LLMError, StoreError, TransportError

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from bundles import entries_of, honest, members_of, resealed, with_entries, zipped
 from checkout import ROOT
-from commands import tacevo
+from commands import publish, tacevo
 from refusals import refused
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
 
@@ -170,7 +170,7 @@ def _record(folder: Path) -> None:
     """Search with a part of every kind that decides, publish it, and lose the parts."""
     shutil.copytree(HONEST.parent, folder / "parts", ignore=shutil.ignore_patterns("__pycache__"))
     tacevo("search", *SIZES, *CHOSEN, cwd=folder)
-    tacevo("publish", "run", "-o", "run.zip", cwd=folder)
+    publish("run", "-o", "run.zip", cwd=folder)
     (folder / "parts").rename(folder / "lost")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from bundles import members_of
 from checkout import ROOT
-from commands import tacevo
+from commands import publish, tacevo
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
 
 EXAMPLES = ROOT / "examples"
@@ -43,7 +43,7 @@ def _sweep(folder: Path) -> None:
     arms = f"proposals.parents=uniform,{folder / 'parts/parents.py'}:Ageing"
     terms = ["seed=0", "--reference", "proposals.parents=uniform", "--into", "sweep"]
     tacevo("search", "-m", *SMALLEST, UNTRACKED, *PUBLISHED_SIZES, "store.root=cache", arms, *terms, cwd=folder)
-    tacevo("publish", "sweep", "-o", "sweep.zip", cwd=folder)
+    publish("sweep", "-o", "sweep.zip", cwd=folder)
 
 
 @pytest.fixture(scope="module")

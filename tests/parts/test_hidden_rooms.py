@@ -82,6 +82,7 @@ def expected(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[s
     return digests
 
 
+@pytest.mark.room(*ROOMS)
 def test_rooms_are_there() -> None:
     """A room whose name has changed would hide nothing."""
     for names in ROOMS.values():

@@ -38,7 +38,6 @@ from smallest import UNTRACKED
 from tacevo.cli.app import main
 from tacevo.sandbox.processes import children, descendants
 from tacevo.storage.store import SEARCHED
-from tacevo.tracking.mirror import alone
 
 pytestmark = unhurried
 
@@ -237,9 +236,12 @@ def is_at_work(pid: int) -> bool:
     return b"tacevo.sandbox.zygote" in command and state not in "TZX"
 
 
+@pytest.mark.room("mlflow")
 @pytest.mark.slow
 def test_database_of_mlflow_that_goes_away_in_the_middle_is_a_warning(whole_search: Whole, tmp_path: Path) -> None:
     """The database is lost once the mirror has begun with it: the search is as ever, and nothing of it is lost."""
+    from tacevo.tracking.mirror import alone
+
     search = start(tmp_path, "search.generations=3")
     assert begins(Phase.mirroring, search, tmp_path)
     for path in tmp_path.glob("mlflow.db*"):
@@ -277,6 +279,7 @@ int clock_gettime(clockid_t clock, struct timespec *now) {
 """
 
 
+@pytest.mark.room("mlflow")
 @pytest.mark.slow
 def test_clock_that_goes_backwards_changes_nothing(whole_search: Whole, tmp_path: Path) -> None:
     """With a wall clock that loses an hour at every look the search, its stores and its mirror are as ever."""

@@ -14,7 +14,6 @@ import pytest
 import torch
 from door_sources import DOORS, Door
 from doors import find_doors
-from forms import sources_of_grammar
 from gate_cases import VALID, candidate, contract
 from honest_sources import HONEST
 from lying_sources import GOOD, LIES, RETURN, Lie
@@ -79,8 +78,11 @@ def test_honest_candidate_is_admitted(source: str) -> None:
     assert "profile" in probed(source), probed(source)
 
 
+@pytest.mark.room("grammar")
 def test_grammar_is_honest() -> None:
     """Whatever the grammar provider can write passes the policy."""
+    from grammar_forms import sources_of_grammar
+
     task = replace(contract(), class_name="Net")
     assert [rejection_of(source, task) for source in sources_of_grammar()] == [None] * len([*sources_of_grammar()])
 

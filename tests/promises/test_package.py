@@ -16,7 +16,7 @@ import pytest
 import yaml
 from bundles import members_of
 from checkout import ROOT
-from smallest import SMALLEST, UNTRACKED
+from smallest import SIMULATED, UNTRACKED
 
 from tacevo import __version__
 
@@ -84,6 +84,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place / "bin" / "tacevo"
 
 
+@pytest.mark.room("simulator", "grammar", "init", "publishing")
 @pytest.mark.slow
 def test_installed_wheel_does_everything_in_any_directory(installed: Path, tmp_path: Path) -> None:
     """A task of one's own, a search, a sweep, a study, tables and a replay, amid files that bear the names of modules.
@@ -103,7 +104,7 @@ def test_installed_wheel_does_everything_in_any_directory(installed: Path, tmp_p
             command, cwd=cwd, env=environment, stdout=subprocess.PIPE, text=True, check=True
         ).stdout.strip()
 
-    small = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=2", "search.initial=1"]
+    small = [*SIMULATED, UNTRACKED, "search.generations=1", "search.candidates=2", "search.initial=1"]
     tacevo("init", "shear", "--like", "force")
     own = [*small, "task=shear", "task.name=force"]  # simulated images go by the name
     said = tacevo("search", *own, "run.dir=mine")

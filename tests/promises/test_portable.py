@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 import torch
 from checkout import ROOT
-from forms import forms, forms_of_answers, forms_of_grammar
+from forms import forms, forms_of_answers
 from gate_cases import needs_shared
 from torch import nn
 
@@ -316,8 +316,11 @@ def test_every_expression_can_be_computed() -> None:
     assert all("unpool" in expression.lower() for expression in refused)
 
 
+@pytest.mark.room("grammar")
 def test_networks_hold_every_form_of_the_grammar() -> None:
     """They use all that the grammar's records can say."""
+    from grammar_forms import forms_of_grammar
+
     held = frozenset().union(*(forms(source) for _, source, _ in candidates()))
     wanted = forms_of_grammar()
     assert {"conv2d groups", "groupnorm", "silu", "dropout2d", "hardtanh"} <= wanted

@@ -28,6 +28,7 @@ def test_place_for_a_bundle_is_asked_for(swept: Path, capsys: pytest.CaptureFixt
     assert "sweep.zip; name by -o where to write ablations" in told
 
 
+@pytest.mark.room("figures")
 def test_named_store_is_that_of_a_bundle_too(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is read instead of the bundle's own, which is sound: damage in the named one is told."""
     shutil.copytree(swept / "cache" / "centroids", tmp_path / "named" / "centroids")

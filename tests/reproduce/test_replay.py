@@ -35,8 +35,8 @@ def with_config(run: Path, folder: Path, **groups: Any) -> RunDirectory:
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
-        ({"data": {"images": 10}}, {"place": "data.images", "expected": "the 40 images"}),
-        ({"data": {"images": 10**7}}, {"place": "data.images", "expected": "the 40 images"}),
+        ({"data": {"source": "simulated", "images": 10}}, {"place": "data.images", "expected": "the 40 images"}),
+        ({"data": {"source": "simulated", "images": 10**7}}, {"place": "data.images", "expected": "the 40 images"}),
         ({"prompts": {"pool": 21}}, {"place": "prompts.pool", "expected": "at most 20"}),
         ({"search": {"beams": 1}}, {"place": "run.json", "expected": "a configuration of this version"}),
     ],

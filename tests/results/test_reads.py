@@ -39,7 +39,13 @@ def reads() -> Iterator[Counter[str]]:
 
 @pytest.mark.parametrize(
     "command",
-    ["replay", "tables", "show", "report", pytest.param("figures", marks=pytest.mark.slow)],
+    [
+        "replay",
+        "tables",
+        "show",
+        pytest.param("report", marks=pytest.mark.room("page")),
+        pytest.param("figures", marks=[pytest.mark.slow, pytest.mark.room("figures")]),
+    ],
 )
 def test_each_file_of_a_run_is_read_once(command: str, run: Path, reads: Counter[str]) -> None:
     """Records, candidates' files and studies: what was read and checked is handed on, and not read again."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from refusals import refused
 from smallest import SMALLEST, UNTRACKED
+from tests_own import Drawn
 
 from tacevo.cli.app import main
 from tacevo.cli.search import print_end
@@ -17,8 +18,7 @@ from tacevo.evolution.development import Outcome
 from tacevo.evolution.lines import GenerationLine
 from tacevo.evolution.proposals import Proposal
 from tacevo.evolution.run_files import read_ledger
-from tacevo.llm.grammar.provider import answer
-from tacevo.llm.recording import RecordingLLM
+from tacevo.llm.recording import RecordingLLM, unkept
 from tacevo.parts.provider import Keep
 from tacevo.records import Completion, Operator, Reason, Rejection, Request, Stage
 from tacevo.runs.datasets import load_data
@@ -91,7 +91,7 @@ class Rubbish:
         """Answer in order."""
         for position, request in enumerate(requests):
             self.asked += 1
-            good = answer(request, slip_rate=0.0)
+            ((_, good),) = Drawn(model="drawn", slip_rate=0.0).complete([request], unkept)
             yield position, keep(request, good if self.asked > self._usable_after else replace(good, text=RUBBISH))
 
 

@@ -16,7 +16,6 @@ from tacevo.config.compose import compose
 from tacevo.config.plain import from_plain
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
-from tacevo.data.sources.tacverse import TacVerse
 from tacevo.environment import gpus
 from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.llm.recording import RecordingLLM
@@ -24,7 +23,6 @@ from tacevo.profile import Admitted
 from tacevo.records import Completion, Mode, Reason, Request, to_json, written
 from tacevo.rules import CURRENT, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, source_of
-from tacevo.runs.pace import noise
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature, provider_settings
 from tacevo.runs.wiring import Workbench, recipe_of
@@ -62,6 +60,7 @@ def test_every_setting_of_a_table_arrives(tmp_path: Path) -> None:
     assert sum(dataset.facts.counts) == 15
 
 
+@pytest.mark.room("tacverse")
 def test_release_is_loaded_by_its_own_split(tmp_path: Path) -> None:
     """`data=tacverse` alone reads the forces of the ViTacTip, 60/20/20 in their order."""
     save_forces(tmp_path / "recording", rows_of("image_{}.png", 3), images=20)
@@ -70,6 +69,7 @@ def test_release_is_loaded_by_its_own_split(tmp_path: Path) -> None:
     assert dataset.validation.tolist() == [12, 13, 14, 15]
 
 
+@pytest.mark.room("tacverse")
 def test_sensor_and_pattern_of_a_release_arrive(tmp_path: Path) -> None:
     """Both are directories; the classes are the sizes below them."""
     save_gratings(tmp_path / "recording", *(f"{size}_{press}.png" for size in (0.5, 1.5) for press in range(10)))
@@ -80,8 +80,11 @@ def test_sensor_and_pattern_of_a_release_arrive(tmp_path: Path) -> None:
     assert load(tmp_path, *overrides).facts.names == ("0.5 mm", "1.5 mm")
 
 
+@pytest.mark.room("tacverse")
 def test_settings_of_a_release_select_but_in_runs_of_before(tmp_path: Path) -> None:
     """An older run.json has spacings and images without effect, and lacks what came later: it reads all, as it did."""
+    from tacevo.data.sources.tacverse import TacVerse
+
     chosen = ["data.pattern=Blackdot", "data.spacings_mm=[0.5,1.5]", "data.images=15", "data.classes=joint"]
     config = compose(["data=tacverse", "task=grating", "data.root=x", *chosen])
     source = source_of(config)
@@ -108,6 +111,7 @@ def test_archive_is_loaded_as_the_kind_that_its_labels_are(tmp_path: Path, label
         assert load(tmp_path, "data=numpy").facts.counts == (10, 1, 1)
 
 
+@pytest.mark.room("tacverse", "simulator")
 @pytest.mark.parametrize("overrides", [["data=simulated"], ["data=tacverse", "data.root=recording"]])
 def test_task_that_a_source_does_not_know_is_refused(overrides: list[str]) -> None:
     """The message lists the tasks that it knows."""
@@ -180,10 +184,13 @@ def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     assert [measures["level"] for measures in told] == [Confinement.none]
 
 
+@pytest.mark.room("estimate")
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("visible", "said"), [("", "a machine without one"), ("0", "equipped or confined")])
 def test_gpu_that_fails_is_no_verdict(visible: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a GPU, or with a torch without CUDA, no candidate is rejected: the search stops, and stores nothing."""
+    from tacevo.runs.pace import noise
+
     if gpus():
         pytest.skip("there is a GPU")
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
@@ -216,6 +223,7 @@ def test_nothing_runs_a_candidate_in_a_replay(tmp_path: Path) -> None:
             gate.run("probe", {}, b"", gate.probe_limits)
 
 
+@pytest.mark.room("grammar")
 def test_grammar_has_one_model(tmp_path: Path) -> None:
     """Another name would stand in records as if another model had answered."""
     expected = "grammar-2 for llm=grammar"

@@ -11,7 +11,7 @@ import pytest
 from refusals import refused
 
 from tacevo.errors import StoreError
-from tacevo.storage.files import remove_leftovers, write_durably
+from tacevo.storage.files import is_in_use, remove_leftovers, write_durably
 from tacevo.storage.store import KINDS, Store, remove_leftovers_in_stores
 
 #: Writes answers of 100,000 equal digits under one key, again and again.
@@ -124,6 +124,15 @@ def test_lock_that_fails_otherwise_stops_a_write(lockless: Path, tmp_path: Path)
     """A disk that cannot be read is not a file system without locks: the write is refused and leaves nothing."""
     assert "cannot be written: Input/output error" in without_locks(WRITE, errno.EIO, lockless, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_looking_whether_a_file_is_in_use_leaves_nothing_open(tmp_path: Path) -> None:
+    """A process that waits looks many times."""
+    (tmp_path / ".lock").touch()
+    before = os.listdir("/proc/self/fd")
+    assert not is_in_use(tmp_path / ".lock")
+    assert not is_in_use(tmp_path / "missing")
+    assert os.listdir("/proc/self/fd") == before
 
 
 def test_failed_write_leaves_the_old_content_and_no_rest(tmp_path: Path) -> None:

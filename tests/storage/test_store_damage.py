@@ -86,8 +86,15 @@ def test_sound_entry_under_another_key_is_an_error(store: Store, tmp_path: Path)
     target = tmp_path / "things" / store.key({"x": 2})[:2] / f"{store.key({'x': 2})}.json"
     target.parent.mkdir(exist_ok=True)
     path.rename(target)
-    with refused(StoreError, expected="fits its name and its checksum"):
+    with refused(StoreError, expected="fits its name and its checksum", got="renamed or edited"):
         store.read({"x": 2})
+
+
+def test_content_that_was_edited_is_not_said_to_be_renamed(store: Store, tmp_path: Path) -> None:
+    """Its name and its key are those of its question: what was written into it is another answer."""
+    edited(entry_path(tmp_path), lambda entry: {**entry, "answer": {"y": 3}})
+    with refused(StoreError, got="edited or damaged"):
+        store.read({"x": 1})
 
 
 def test_damaged_entry_is_never_computed_again(store: Store, tmp_path: Path) -> None:

@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import publish
 from fakes import TASK
 from refusals import refused
 from small_recordings import simulated
-from smallest import SMALLEST, UNTRACKED, Once
+from smallest import TOUCHES, UNTRACKED, Once
 
 from tacevo.api.opening import open_run
 from tacevo.choices import Numerics
 from tacevo.cli.app import main
-from tacevo.data.simulator.written_files import write_files
 from tacevo.errors import CacheMissError, ConfigError, DivergenceError, TacevoError
-from tacevo.export.trainings import ExportSettings, design
 from tacevo.records import Given, Operator
 from tacevo.results.run import read_run
 from tacevo.results.study_directory import StudyDirectory, studies_of, study_names
@@ -44,7 +43,7 @@ class ImageRegressionCNN(nn.Module):
         return self.head(torch.relu(self.conv(x)).mean((2, 3)))
 """
 
-SETTINGS = [*SMALLEST[:3], UNTRACKED, "seeds=2", "epochs=1", "run.dir=run", "store.root=cache"]
+SETTINGS = [*TOUCHES, UNTRACKED, "seeds=2", "epochs=1", "run.dir=run", "store.root=cache"]
 
 GIVEN = ["networks=[wide.py,narrow.py]", *SETTINGS]
 
@@ -100,9 +99,12 @@ def test_other_split_is_another_study_of_the_same_networks(here: Path) -> None:
     assert not {row.evaluation for row in own.rows} & {row.evaluation for row in other.rows}
 
 
+@pytest.mark.room("export")
 @pytest.mark.slow
 def test_study_may_train_with_other_numerics_than_the_run(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What trained it is recorded, replayed and repeated by an export; what is said of it elsewhere is found out."""
+    from tacevo.export.trainings import ExportSettings, design
+
     assert main(["study", "run=run", "seeds=2", "epochs=1", "numerics=fast"]) == 0
     assert "tested on 4 images, trained with numerics=fast" in capsys.readouterr().out
     (other_study,) = (one for one in studies_of(Path("run")) if one.read().trained_with == "numerics=fast")
@@ -160,9 +162,12 @@ def test_several_data_sets_are_studied_one_after_the_other(here: Path, capsys: p
     assert list(here.glob("run/studies/*")) == before
 
 
+@pytest.mark.room("simulator", "tacverse")
 @pytest.mark.slow
 def test_sensors_are_studied_within_and_each_left_out(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Simulated sensors that differ in gel, and files in the release's layout; each protocol has a table of its own."""
+    from tacevo.data.simulator.written_files import write_files
+
     source = simulated(images=40, image_size=16, seed=5)
     for sensor in ("A", "B"):
         folder = here / "own" / "Force_Regression" / sensor
@@ -264,7 +269,7 @@ def test_replay_compares_run_and_both_studies_without_data(here: Path, capsys: p
 @pytest.mark.slow
 def test_published_run_of_given_networks_is_verified(here: Path) -> None:
     """One file holds networks, studies and tables; it says that no model was asked."""
-    assert main(["publish", "run", "-o", "given.zip", "--author", "A. Nyone"]) == 0
+    publish("run", "-o", "given.zip", "--author", "A. Nyone")
     assert main(["replay", "given.zip"]) == 0
     assert main(["tables", "given.zip", "-o", "tables"]) == 0  # two seeds are too few for verdicts, which a remark says
     assert "split_seed=7" in "".join(path.read_text() for path in Path("tables").rglob("transfer.md"))

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bundles import members_of, resealed
+from commands import publish
 from refusals import refused
 from rewritten import rewrite_study
 from rich.console import Console
-from smallest import ARCHIVES, UNTRACKED, Once
+from smallest import ARCHIVES, DRAWN, UNTRACKED, Once
 
 from analysis.report.collection import collect
 from tacevo.cli.app import main
@@ -34,7 +35,7 @@ PRESSES, FRAMES = 24, 3
 
 SEARCH = [
     *("experiment=published_force", "data=numpy", "data.root=rec.npz", "task.output_names=[]", "data.image_size=32"),
-    *("data.test_part=0.25", "training.epochs=1", *ARCHIVES, UNTRACKED, "llm=grammar"),
+    *("data.test_part=0.25", "training.epochs=1", *ARCHIVES, UNTRACKED, *DRAWN),
     *("search.generations=0", "search.initial=2", "run.dir=run"),
 ]
 STUDY = ["study", "run=run", "elites=1", "seeds=4", "epochs=1"]
@@ -60,7 +61,7 @@ def made(once: Once) -> Path:
             patch.chdir(folder)
             assert main(["search", *SEARCH]) == 0
             assert main(STUDY) == 0
-            assert main(["publish", "run", "-o", "run.zip", "--author", "A. Nyone"]) == 0
+            publish("run", "-o", "run.zip", "--author", "A. Nyone")
 
     return once("grouped", fill)
 
@@ -102,6 +103,7 @@ def test_groups_stand_in_the_run_its_study_and_its_bundle(made: Path, monkeypatc
     assert json.loads(members_of(made / "run.zip")["run/run.json"])["data"]["groups"] == list(run.facts.groups)
 
 
+@pytest.mark.room("image tests")
 def test_tables_count_each_group_once(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On each output the variant is better or worse on six groups, of which the 18 images are."""
     monkeypatch.chdir(made)

@@ -9,6 +9,7 @@ from statistics import median
 from typing import Any
 
 import pytest
+from commands import publish
 from refusals import refused
 from smallest import Once
 
@@ -124,7 +125,7 @@ def test_replay_compares_every_re_estimate(folder: Path, capsys: pytest.CaptureF
 @pytest.mark.slow
 def test_bundle_holds_the_noise_run_and_can_be_verified(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With its tables, which follow from the records byte for byte, and every entry that they need."""
-    assert main(["publish", "run", "-o", "run.zip", "--author", "A. Nyone"]) == 0
+    publish("run", "-o", "run.zip", "--author", "A. Nyone")
     assert main(["replay", "run.zip"]) == 0
     told = capsys.readouterr().out
     assert noise_of(folder).path.name in told

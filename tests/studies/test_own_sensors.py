@@ -9,6 +9,8 @@ from tacevo.api.opening import open_run
 from tacevo.cli.app import main
 from tacevo.results.study_directory import studies_of
 
+pytestmark = pytest.mark.room("simulator", "data check")
+
 SETTINGS = ["task=force", "data=csv", "data.root=images", "data.target_columns=[Fx,Fy,Fz]", "data.image_size=32"]
 
 

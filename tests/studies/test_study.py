@@ -15,11 +15,10 @@ from typing import Any
 import pytest
 from refusals import refused
 from rewritten import rewrite_study
-from smallest import SMALLEST, UNTRACKED, Once
+from smallest import DRAWN, SIMULATED, SMALLEST, UNTRACKED, Once
 from sweeps import Heard
 from waiting import eventually
 
-from analysis.studies.image_findings import load_predictions
 from tacevo.choices import Device, Numerics, Precision
 from tacevo.cli.app import main
 from tacevo.errors import RunError
@@ -253,8 +252,14 @@ def test_study_of_an_earlier_release_on_a_gpu_replays(captured: bool, folder: Pa
     assert main(["replay", "run"]) == int(captured)
 
 
-def test_study_whose_settings_name_no_groups_has_none(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.room("simulator")
+def test_study_whose_settings_name_no_groups_has_none(place: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Of a simulated run no image was recorded with another; groups that were sealed into a study are refused."""
+    folder = place
+    assert (
+        main(["search", *SIMULATED, *DRAWN, UNTRACKED, "search.generations=0", "search.initial=2", "run.dir=run"]) == 0
+    )
+    assert main(["study", *STUDY]) == 0
     (study,) = studies_of(Path("run"))
     header = study.read_scores().header
     images = header.data.counts[2]
@@ -280,8 +285,11 @@ def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixtu
         assert "variant 1, seed 1, epoch: expected 9 as recorded; got" in capsys.readouterr().err
 
 
+@pytest.mark.room("image tests")
 def test_predictions_are_kept_and_give_the_scores(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of the epoch that is tested, for every training; a replay without them says which is missing."""
+    from analysis.studies.image_findings import load_predictions
+
     predictions = load_predictions(load_study(only(folder)), folder / "cache")
     assert predictions is not None
     shapes = {name: each.shape for name, each in predictions.of.items()}

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from bundles import Members, entries_of, members_of, resealed, with_entries
+from commands import publish
 from refusals import refused
 from run_files import contents
 from smallest import Once
@@ -60,7 +61,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 def published(folder: Path) -> Members:
     """Publish the sweep as sweep.zip; return the members."""
-    assert main(["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]) == 0
+    publish("sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone")
     return members_of(folder / "sweep.zip")
 
 

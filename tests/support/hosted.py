@@ -1,18 +1,17 @@
-"""Providers that talk to the test server, and requests to give them."""
+"""Providers that talk to the test server."""
 
 from collections.abc import Callable
 from pathlib import Path
+
+from asked import request
 
 from tacevo.llm import anthropic, openai
 from tacevo.llm.batches import BatchLLM
 from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.retry import Patience
-from tacevo.records import ChatMessage, Request, Setting
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
-
-KEY = "sk-ant-a-secret-key-0123456789"
 
 #: Tries as often as a stormy server needs, without waiting long.
 PATIENCE = Patience(tries=40, first=0.002, longest=0.05)
@@ -54,19 +53,6 @@ def batched(url: str, root: Path) -> BatchLLM:
         models=Models("llm=anthropic"),
         patience=Patience(tries=5, first=0.001, longest=0.01),
         poll=0.01,
-    )
-
-
-def request(text: str, *, settings: tuple[tuple[str, Setting], ...] = (), draw: int = 1) -> Request:
-    """Make a request."""
-    return Request(
-        model="model-x",
-        system="Be brief.",
-        messages=(ChatMessage(role="user", content=text),),
-        temperature=0.65,
-        max_tokens=77,
-        draw=draw,
-        settings=settings,
     )
 
 

@@ -117,7 +117,7 @@ def start(
     """
     for name in ("tmp", place):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    own = {"PYTHONPATH": str(folder), "TMPDIR": str(folder / "tmp")}
+    own = {"PYTHONPATH": os.pathsep.join([str(folder), os.environ["PYTHONPATH"]]), "TMPDIR": str(folder / "tmp")}
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "tacevo.cli.app", "search", *SEARCH, *overrides],
         cwd=folder / place,

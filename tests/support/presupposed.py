@@ -11,11 +11,9 @@ from checkout import GOLDEN, LIBRARY, PUBLISHED, ROOT
 from commands import tacevo
 from PIL import Image
 from small_recordings import save_arrays, save_image
-from smallest import SMALLEST, UNTRACKED
+from smallest import SIMULATED, UNTRACKED
 from supplement import PAGE
 from tiny_sweep import SIZES, run_sweep
-
-from tacevo.data.sources import release
 
 
 def write_presupposed(folder: Path) -> None:
@@ -41,7 +39,7 @@ def write_presupposed(folder: Path) -> None:
     save_arrays(folder / "FILE.npz", labels=np.linspace(0, 1, 36).reshape(12, 3))
     write_release(folder / "tacverse")
     recorded = ["data=tacverse", "data.root=tacverse", "run.dir=runs/tacverse"]
-    small = [setting for setting in SMALLEST if setting != "data.images=40"]
+    small = [setting for setting in SIMULATED if setting != "data.images=40"]
     tacevo("search", *small, UNTRACKED, *SIZES, *recorded, cwd=folder)
     (folder / "mine").mkdir()
     for name, network in {
@@ -78,6 +76,8 @@ def write_recordings(folder: Path) -> None:
 
 def write_release(root: Path) -> None:
     """Write a small release of the authors' kind: beside its images, which have sensors A, B and C, too, archives."""
+    from tacevo.data.sources import release
+
     for sensor in ("ViTacTip", "A", "B", "C"):
         folder, rows = root / "Force_Regression" / sensor, ["image_name,fx,fy,fz"]
         for number in range(20):

@@ -225,6 +225,7 @@ starter.serve()
 """
 
 
+@pytest.mark.room("table")
 def test_table_is_read_before_searches_begin(tmp_path: Path) -> None:
     """Once for all; one that cannot be read is each search's to refuse, and its log has the reason."""
     damaged = tmp_path / "damaged.zip"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hosted import request
+from asked import request
 
 from tacevo import records
 from tacevo.choices import Precision

@@ -18,6 +18,8 @@ from tacevo.records import Kind
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study_directory import StudyDirectory, studies_of
 
+pytestmark = pytest.mark.room("figures")
+
 NICHES = Niches(networks=np.array([[0.3, 0.5], [0.7, 0.5]]), prompts=np.array([[0.5, 0.5]]))
 SCORES = {"baseline": [0.9, 0.91, 0.92, 0.93], "variant 1": [0.95, 0.96, 0.97, 0.98]}
 

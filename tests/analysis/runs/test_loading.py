@@ -9,11 +9,8 @@ import pytest
 from hand_runs import closed, elite, trained
 from hand_runs import run as made
 from ledger_lines import candidate
-from motif_cases import baseline
 from refusals import refused
 
-from analysis.motifs.motifs import count_motifs
-from analysis.report.figure_list import run_pictures
 from analysis.runs.niches import load_niches
 from tacevo.choices import Scale
 from tacevo.errors import RunError
@@ -93,8 +90,14 @@ def test_best_networks_are_those_of_a_study() -> None:
         assert [best.id for best in hand.best(count)] == [network.id for network in chosen[1:]]
 
 
+@pytest.mark.room("figures", "motifs")
 def test_tables_and_figures_look_at_the_same_networks(published: Path) -> None:
     """The top of the motifs and the training curves are the study's variants."""
+    from motif_cases import baseline
+
+    from analysis.motifs.motifs import count_motifs
+    from analysis.report.figure_list import run_pictures
+
     hand = family()
     best = [network.id for network in hand.best()]
     anatomies = dict.fromkeys([slot.id for slot in hand.candidates], baseline("force"))

@@ -8,7 +8,6 @@ import pytest
 from checkout import BUNDLES
 
 from analysis.report.collection import collect
-from analysis.report.figure_list import run_pictures
 from analysis.runs.niches import Niches, reachable_prompt_niches, reachable_temperatures
 from tacevo.bundles.open import opened
 from tacevo.evolution.archive import Tessellation
@@ -52,9 +51,12 @@ def test_run_without_trials_reaches_nothing() -> None:
     assert reachable_prompt_niches(run, np.array([[0.5, 0.5]])) == frozenset()
 
 
+@pytest.mark.room("figures")
 @pytest.mark.parametrize(("centroids", "shaded"), [([[0.5, 0.6]], False), ([[0.5, 0.6], [0.5, 0.1]], True)])
 def test_caption_explains_shaded_niches_where_there_are_some(centroids: list[list[float]], shaded: bool) -> None:
     """It depends on the niches that were out of reach; of a map without them nothing is said."""
+    from analysis.report.figure_list import run_pictures
+
     run = hand_runs.run([hand_runs.trained(0, 0), hand_runs.trained(1, 0)], [hand_runs.closed(0), hand_runs.closed(1)])
     niches = Niches(networks=np.array([[0.5, 0.5]]), prompts=np.array(centroids))
     (caption,) = (one.caption for one in run_pictures(run, niches) if one.name == "prompt_map")

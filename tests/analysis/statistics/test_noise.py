@@ -22,6 +22,11 @@ def test_recorded_fitness_is_placed_among_its_draws() -> None:
     assert winner.beats == pytest.approx(4 / 9, abs=1e-9)  # 1/2 + 1/2 + 1 + 1 + 1 of nine pairs
 
 
+def test_seed_that_ties_with_the_record_is_as_low() -> None:
+    """Ties are usual for accuracies."""
+    assert noise([1.0, 1.0], [[1.0, 2.0, 3.0], [1.0, 1.0, 0.5]]).as_low.tolist() == [1, 3]
+
+
 def test_icc_is_that_of_shrout_and_fleiss() -> None:
     """Their example, as logarithms: 0.17, within [-0.13, 0.72]; by the F of a one-way analysis of variance."""
     correlation = icc(np.exp(SHROUT_FLEISS))

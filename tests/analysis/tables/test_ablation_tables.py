@@ -4,13 +4,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import pandas as pd
 from hand_runs import altered
 from hand_sweeps import NONE, WORSE, compared, curves_of, finished, jobs_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms, jobs_frame
 from analysis.sweeps.arm_metrics import TESTED, Metric
+from analysis.sweeps.common_archive import EXTENTS
 from analysis.table import HalfInteger, Interval, Percent, PercentInterval, PValue, Table
-from analysis.tables.ablation import ablation_tables, arms_table, common_note, metric_table, runs_table
+from analysis.tables.ablation import ablation_tables, arms_table, common_note, extents_note, metric_table, runs_table
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
 from tacevo.config.identity import twins_of
@@ -32,6 +34,24 @@ def test_every_metric_has_a_table() -> None:
     names = [table.name for table in ablation_tables(SWEEP, FOUND, ARCHIVE)]
     metrics = [f"ablation_{metric.name}" for metric in Metric if metric not in TESTED]
     assert names == ["ablation", "ablation_settings", *metrics, "ablation_runs"]
+
+
+def test_bounds_of_the_common_archive_name_whom_they_are_due_to() -> None:
+    """One candidate, the first of several, or nobody where a bound is fixed; and how full the fullest tenth is."""
+    rows = [
+        ("architecture diversity", 0.1, 0.9, ("a/g00s01",), ("b/g01s00", "b/g02s01", "c/g02s01"), 0.4),
+        ("efficiency ratio (log)", 0.0, 12.5, (), (), 0.125),
+    ]
+    note = extents_note(pd.DataFrame(rows, columns=list(EXTENTS)))
+    assert "0.100 (a/g00s01) to 0.900 (b/g01s00 and 2 more)" in note
+    assert "(fixed) to 12.5 (fixed)" in note
+    assert [share for share in ("40.0 %", "12.5 %") if share not in note] == []
+
+
+def test_free_answers_have_no_table_of_costs() -> None:
+    """Where nothing cost anything, there is nothing to compare."""
+    free = replace(FOUND, jobs=FOUND.jobs.assign(**{Metric.cost.name: 0.0}))
+    assert "ablation_cost" not in [table.name for table in ablation_tables(SWEEP, free, ARCHIVE)]
 
 
 def test_arms_have_a_median_and_its_interval() -> None:

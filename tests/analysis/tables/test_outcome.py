@@ -15,7 +15,6 @@ from analysis.tables.comparison import scores_table
 from analysis.tables.noise import noise_table
 from analysis.tables.noise_outcome import MOST, noise_outcome
 from analysis.tables.outcome import study_outcome
-from analysis.tables.transfer import transfer_table
 from tacevo.choices import MarginKind
 from tacevo.config.study import Margin
 from tacevo.records import Kind
@@ -63,8 +62,11 @@ def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
     assert [row["re-estimated"] for row in rows] == [0.2, 0.4, 0.6, 0.8, 1.0]
 
 
+@pytest.mark.room("transfer")
 def test_equivalent_network_has_the_p_and_the_margin_of_its_test() -> None:
     """Of accuracies the margin counts in points; the table of transfer and a study's figure have that p, too."""
+    from analysis.tables.transfer import transfer_table
+
     accuracies = {name: [0.9 + value for value in values] for name, values in FOUR.items()}
     study = identified(study_of(accuracies, kind=Kind.classification))
     study = replace(study, terms=replace(study.terms, margin=Margin(value=0.001, kind=MarginKind.absolute)))

@@ -135,6 +135,7 @@ def test_groups_of_the_test_images_are_recorded(tmp_path: Path, chosen: dict[str
     assert loaded(source, tmp_path / "cache").facts == data.facts
 
 
+@pytest.mark.room("tacverse")
 def test_groups_of_archives_and_presses_of_the_release_are_recorded(tmp_path: Path) -> None:
     """Whatever knows groups for the split knows them for the test."""
     archive = save_arrays(tmp_path / "a.npz", groups=np.array([7, 7, 7, 7, 3, 3, 3, 3, 5, 5, 9, 9]))

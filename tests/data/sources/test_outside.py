@@ -102,6 +102,7 @@ def test_links_that_lead_out_are_followed_and_told(tmp_path: Path) -> None:
     table.catalogue()
 
 
+@pytest.mark.room("tacverse")
 @pytest.mark.parametrize("name", ["..", "../Other", "/", "ViTacTip/../.."])
 def test_release_is_read_below_its_directory(name: str, tmp_path: Path) -> None:
     """A sensor or a pattern is the name of a directory, and the names in its table stay there."""

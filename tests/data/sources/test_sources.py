@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 from refusals import refused
-from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_image, save_table
+from small_recordings import in_rooms, save_arrays, save_folder, save_forces, save_gratings, save_image, save_table
 
 from tacevo.choices import SplitRule
 from tacevo.data.loading import split_rows
@@ -160,6 +160,7 @@ def test_archive_that_is_cut_off_is_refused(length: int) -> None:
         assert (listed(source) is None) == (length < len(content))
 
 
+@pytest.mark.room("tacverse")
 @forty
 @given(st.lists(st.integers(0, 10_000), min_size=10, max_size=15, unique=True))
 def test_forces_of_the_release_are_in_the_order_of_their_numbers(numbers: list[int]) -> None:
@@ -183,6 +184,7 @@ def test_forces_of_the_release_are_in_the_order_of_their_numbers(numbers: list[i
 PRESSES = st.dictionaries(st.integers(1, 40), st.integers(1, 2), min_size=5, max_size=8)
 
 
+@pytest.mark.room("tacverse")
 @forty
 @given(PRESSES, PRESSES)
 def test_presses_of_the_release_are_whole_and_in_the_order_of_their_numbers(
@@ -234,7 +236,7 @@ FORMS: dict[str, Callable[[Path], Any]] = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", in_rooms(FORMS))
 def test_description_follows_content_and_not_place(tmp_path: Path, form: str) -> None:
     """A copy elsewhere is the same data set; with one other byte in any file that is read it is another."""
     source = FORMS[form](tmp_path / "here")
@@ -252,7 +254,7 @@ def test_description_follows_content_and_not_place(tmp_path: Path, form: str) ->
         assert replace(source, root=root).describe() != described
 
 
-@pytest.mark.parametrize("form", [form for form in FORMS if form != "archive"])
+@pytest.mark.parametrize("form", in_rooms(form for form in FORMS if form != "archive"))
 def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path, form: str) -> None:
     """Both are found from the headers, before anything is decoded."""
     source = FORMS[form](tmp_path)

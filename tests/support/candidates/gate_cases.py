@@ -4,7 +4,7 @@ import json
 from typing import Any
 
 import pytest
-from checkout import SHARED
+from checkout import SHARED, VARIABLE
 
 from tacevo.gate.extraction import extract, first_look
 from tacevo.records import Completion, Contract, Kind, Loss, Rejection, Stage
@@ -90,4 +90,4 @@ def examples(folder: str) -> list[Any]:
     return [{**json.loads(path.read_text(encoding="utf-8")), "file": path.stem} for path in files]
 
 
-needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{SHARED} is not there, so real answers cannot be tried")
+needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason=f"{VARIABLE} names no directory of real answers")

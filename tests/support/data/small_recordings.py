@@ -2,21 +2,26 @@
 
 import struct
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
+from _pytest.mark import ParameterSet
 from PIL import Image
 
 from tacevo.choices import LightScene, Normalisation, RecordedTask, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
-from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
 from tacevo.data.sources.table import TableSource
-from tacevo.data.sources.tacverse import TacVerse
 from tacevo.parts.source import Source
+
+if TYPE_CHECKING:
+    from tacevo.data.simulator.tasks import Simulated
+    from tacevo.data.sources.tacverse import TacVerse
 
 #: How data are loaded where a test says nothing else.
 PROTOCOL: dict[str, Any] = {
@@ -28,13 +33,25 @@ PROTOCOL: dict[str, Any] = {
 }
 
 
+#: The room that each form of a source needs which is not of the core.
+_ROOMS = {"simulated": "simulator", "tacverse": "tacverse", "forces": "tacverse", "gratings": "tacverse"}
+
+
+def in_rooms(forms: Iterable[str]) -> list[ParameterSet]:
+    """Return parameters of a test, each with the mark of the room that it needs."""
+    rooms = {form: _ROOMS.get(form.split()[0]) for form in forms}
+    return [pytest.param(form, marks=[pytest.mark.room(room)] if room else []) for form, room in rooms.items()]
+
+
 def loaded(source: Source, cache: Path, **changes: Any) -> Dataset:
     """Load with the default protocol, but for what is named."""
     return load(source, cache=cache, **{**PROTOCOL, **changes})
 
 
-def simulated(task: SensorTask = SensorTask.force, **changes: Any) -> Simulated:
+def simulated(task: SensorTask = SensorTask.force, **changes: Any) -> "Simulated":
     """Describe a small simulation."""
+    from tacevo.data.simulator.tasks import Simulated  # a room
+
     usual = {"images": 24, "image_size": 16, "seed": 3, "sensor_seed": 0, "light": LightScene.standard}
     return Simulated(task=task, **{**usual, "spacings_mm": (0.5, 1.0, 2.0), **changes})
 
@@ -63,8 +80,10 @@ def save_folder(root: Path, *files: str) -> Folder:
     return Folder(root=root, image_size=16)
 
 
-def save_forces(root: Path, rows: str, *, images: int = 3, header: str = "image_name,fx,fy,fz\n") -> TacVerse:
+def save_forces(root: Path, rows: str, *, images: int = 3, header: str = "image_name,fx,fy,fz\n") -> "TacVerse":
     """Write a force set of the release with images named image_0.png, image_1.png, ..."""
+    from tacevo.data.sources.tacverse import TacVerse  # a room
+
     folder = root / "Force_Regression" / "ViTacTip"
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "ViTacTip.csv").write_text(header + rows)
@@ -73,8 +92,10 @@ def save_forces(root: Path, rows: str, *, images: int = 3, header: str = "image_
     return TacVerse(root=root, task=RecordedTask.force, sensor="ViTacTip", pattern=None, image_size=16)
 
 
-def save_gratings(root: Path, *names: str) -> TacVerse:
+def save_gratings(root: Path, *names: str) -> "TacVerse":
     """Write a grating set of the release."""
+    from tacevo.data.sources.tacverse import TacVerse  # a room
+
     folder = root / "Grating_Classification" / "ViTacTip" / "Blackdot"
     folder.mkdir(parents=True, exist_ok=True)
     for number, name in enumerate(names):

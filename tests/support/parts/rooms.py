@@ -56,7 +56,7 @@ ROOMS: Mapping[str, str] = {
 }
 
 #: Python imports it first in every process: what is hidden is found nowhere, as if it were not installed.
-_HIDES = """
+HIDES = """
 import sys
 from importlib.machinery import PathFinder
 
@@ -101,7 +101,7 @@ def run_without(
     `installed` are directories of further packages.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "sitecustomize.py").write_text(f"NAMES = {hidden.split()!r}\n{_HIDES}", encoding="utf-8")
+    (folder / "sitecustomize.py").write_text(f"NAMES = {hidden.split()!r}\n{HIDES}", encoding="utf-8")
     keys = {"ANTHROPIC_API_KEY": "none-that-is-asked", "OPENAI_API_KEY": "none-that-is-asked"}
     path = [str(folder), *map(str, installed), *_without_labs(sys.path)]
     done = subprocess.run(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ledger_lines import ended, header, run_record
+from smallest import DRAWN
 
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
@@ -17,7 +18,7 @@ from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
 from tacevo.sweeps.launch import Launcher
 
 #: Shared by all jobs of the tests.
-SHARED = ["experiment=published_force", "tracking=none"]
+SHARED = ["experiment=published_force", "tracking=none", "data.source=touches", *DRAWN]
 
 
 @functools.cache
