@@ -1,1 +1,1 @@
-"""What runs recorded, and how a search went."""
+"""Runs: the course of a search, its archive and its niches, from its records."""

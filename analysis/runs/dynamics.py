@@ -1,4 +1,4 @@
-"""How a search went, generation by generation: figures from its ledger, and nothing but counting.
+"""The course of a search, generation by generation: figures from its ledger, and nothing but counting.
 
 A rate counts first answers, as the paper does: one that was rejected and then repaired counts as rejected.
 """

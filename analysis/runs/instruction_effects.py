@@ -1,4 +1,4 @@
-"""What an instruction does to a child's fitness. A search draws its instructions at random, so it is an experiment.
+"""The effect of an instruction on a child's fitness. A search draws its instructions at random, so it is an experiment.
 
 The logarithm of a child's fitness is fitted by what its generation and run are, by the logarithm of its parent's
 fitness, by its instruction and by the temperature that was sent (ordinary least squares). Temperatures are moved by the

@@ -28,7 +28,7 @@ from tacevo.typed import convert
 Polygon = NDArray[np.float64]
 
 
-#: What k-means may compute again in every round, niches x samples: the paper's archive takes two millions.
+#: The most distances that k-means may compute in every round, niches x samples: the paper's archive takes two millions.
 _MOST_DISTANCES = 100_000_000
 
 
@@ -84,7 +84,7 @@ def cells(centroids: NDArray[np.float64]) -> tuple[Polygon, ...]:
     )
 
 
-#: What mirrors a point at the left, right, lower and upper side: a factor and a shift.
+#: The maps that mirror a point at the left, right, lower and upper side: a factor and a shift.
 _MIRRORS = [
     (np.array([-1.0, 1.0]), np.array([0.0, 0.0])),
     (np.array([-1.0, 1.0]), np.array([2.0, 0.0])),

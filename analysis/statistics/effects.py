@@ -1,4 +1,4 @@
-"""How large is a difference: effect sizes with intervals.
+"""The size of a difference: effect sizes with intervals.
 
 A chance has Newcombe's interval, a difference of medians a percentile interval of bootstrap resamples (Efron 1979), and
 a single median one of order statistics: docs/statistics.md says why.

@@ -1,4 +1,4 @@
-"""What test images say of networks, beside seeds: a bootstrap over both, and a test of ensembles image by image. Pure.
+"""Statistics over test images and seeds: a bootstrap over both, and a test of ensembles image by image. Pure.
 
 A network has a prediction for each of t images under each of S seeds. Images that were recorded together, such as the
 frames of a press, are not independent: where groups are known, each counts once. docs/statistics.md says what each of

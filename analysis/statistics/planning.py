@@ -1,4 +1,4 @@
-"""How many seeds find a wished effect, by the tests that the finished study or sweep will use.
+"""The number of seeds that find a wished effect, by the tests that the finished study or sweep will use.
 
 One value of a sample is drawn from a normal distribution, of logarithms for an error: its spread is a pilot's. One
 sample of the family differs from the reference by the effect, the others do not; that leaves it Holm's strictest

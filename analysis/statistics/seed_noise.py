@@ -1,4 +1,4 @@
-"""What a fitness is worth: the noise of its training seed, by the same networks under other seeds. Pure.
+"""The worth of a fitness: the noise of its training seed, by the same networks under other seeds. Pure.
 
 A fitness is one draw. Re-estimates are further draws of the same network: the same training under other seeds. All
 values are losses: lower is better.

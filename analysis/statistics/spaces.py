@@ -1,4 +1,4 @@
-"""What the table of a whole space tells: what a fitness is worth, and how far a search's network is from the best."""
+"""Figures from the table of a whole space: the worth of a fitness, and how far a search's network is from the best."""
 
 import numpy as np
 import pandas as pd

@@ -1,1 +1,1 @@
-"""What studies recorded, and how networks compare."""
+"""Studies: their networks, compared."""

@@ -1,4 +1,4 @@
-"""How many seeds a study or a sweep needs to find a wished effect, and what they cost, in all ways that are weighed.
+"""The seeds that a study or a sweep needs to find a wished effect, and their cost, in all ways that are weighed.
 
 Of a study there is one way; of a sweep one for each number of training seeds for what a job found. The spread is the
 upper limit of the pilot's: what is planned by its own spread finds the effect less often than wished in about half of

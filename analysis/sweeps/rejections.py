@@ -1,4 +1,4 @@
-"""How often the tests of a sweep's arms reject: where both samples are of one arm, and where they are of two. Pure.
+"""The rates at which the tests of a sweep's arms reject: both samples of one arm, or of two arms. Pure.
 
 Many searches of each arm, as the table of a space makes them cheap, are divided into small sweeps that share no search,
 and each is compared as `tacevo ablations` compares it; jobs that failed are in none.

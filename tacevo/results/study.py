@@ -37,7 +37,7 @@ LOWER_IS_BETTER = {"mse": True, "accuracy": False}
 class RecordedStudy(Design):
     """A finished study as statistics use it: its design and one score for each network and seed."""
 
-    #: How the study is judged; a noise run has no terms, and is not a study.
+    #: The level and the margin by which it is judged; a noise run has none, and is not a study.
     terms: StudyTerms
     #: The units of the recording, one for each regressed value, empty where none is stated; () for classification.
     units: tuple[str, ...]
