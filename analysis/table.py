@@ -71,12 +71,12 @@ def finite(value: float) -> float:
     return value
 
 
-def between(estimate: float, low: float | None, high: float | None) -> Cell:
+def interval_cell(estimate: float, low: float | None, high: float | None) -> Cell:
     """Return the cell of an estimate; without an interval, the value alone."""
     return estimate if low is None or high is None else Interval(estimate, low, high)
 
 
-def percent_between(estimate: float, low: float | None, high: float | None) -> Cell:
+def percent_interval_cell(estimate: float, low: float | None, high: float | None) -> Cell:
     """Return the cell of a fraction; without an interval, the value alone."""
     return Percent(estimate) if low is None or high is None else PercentInterval(estimate, low, high)
 

@@ -11,7 +11,7 @@ from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.ablation import FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
-from analysis.table import Cell, HalfInteger, Layout, Percent, PValue, Table, between, percent_between
+from analysis.table import Cell, HalfInteger, Layout, Percent, PValue, Table, interval_cell, percent_interval_cell
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.followed_plan import plan_notes
 from analysis.tables.grammar_note import grammar_note
@@ -188,7 +188,7 @@ def runs_table(sweep: RecordedSweep, ablation: Ablation, archive: str) -> Table:
 
 
 def _shape(metric: Metric) -> Callable[..., Cell]:
-    return percent_between if metric in FRACTIONS else between
+    return percent_interval_cell if metric in FRACTIONS else interval_cell
 
 
 def _layout(metric: Metric) -> Layout:

@@ -14,7 +14,7 @@ from rendered import HOSTILE, skeleton
 
 from analysis.report.writing import index_of, write_tables
 from analysis.rounding import shown
-from analysis.table import Cell, HalfInteger, Interval, Percent, PercentInterval, PValue, Table, between
+from analysis.table import Cell, HalfInteger, Interval, Percent, PercentInterval, PValue, Table, interval_cell
 from analysis.tables.rendering import LONG, NARROW, WIDE, Notes, Shown, as_csv, as_latex, as_markdown, table_texts
 from tacevo.errors import StoreError
 
@@ -308,7 +308,7 @@ def test_table_is_laid_out_from_a_frame() -> None:
     frame = pd.DataFrame({"name": ["a", None], "n": [1, None], "p": [0.5, None], "p_low": [None, 0.25]})
     table = Table.of(
         frame.astype({"n": "Int64", "name": "str"}),
-        {"who": "name", "seeds": "n", "p": (PValue, "p"), "interval": (between, "p", "p_low", "p_low")},
+        {"who": "name", "seeds": "n", "p": (PValue, "p"), "interval": (interval_cell, "p", "p_low", "p_low")},
         name="t",
         caption="c",
         last=[("trivial", None, None, None)],
