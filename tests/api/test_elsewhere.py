@@ -103,7 +103,7 @@ def test_name_that_leads_up_is_not_looked_up_above_a_run(folder: Path) -> None:
     assert Path(found_data(directory, settings_of(directory)) or "").resolve() == folder / "else" / "images"
 
 
-@pytest.mark.parametrize("command", ["study", "noise", "extend"])
+@pytest.mark.parametrize("command", ["study", pytest.param("noise", marks=pytest.mark.room("noise")), "extend"])
 def test_nothing_is_written_into_stores_of_others(
     command: str, sibling: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -177,6 +177,7 @@ def recorded(place: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return run
 
 
+@pytest.mark.room("noise", "figures", "data check", "export")
 @pytest.mark.slow
 def test_commands_find_data_from_the_run(recorded: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """A study, a noise run, retraining, an export and an extension from elsewhere train on the run's own images."""
@@ -190,6 +191,7 @@ def test_commands_find_data_from_the_run(recorded: Path, capfd: pytest.CaptureFi
     assert not Path("cache/studies").exists()
 
 
+@pytest.mark.room("export")
 @pytest.mark.slow
 def test_export_takes_the_place_of_the_data(recorded: Path) -> None:
     """The data set may have moved; another data set, or another setting of data, is refused."""
