@@ -175,7 +175,7 @@ def test_arms_that_cannot_be_compared_are_refused_before_anything_is_stated(fold
     assert SweepDirectory(Path("sweep")).read().terms.retraining is None
 
 
-@pytest.mark.parametrize("spoilt", ["source", "ledger", "nothing"])
+@pytest.mark.parametrize("spoilt", ["source", "ledger", pytest.param("nothing", marks=pytest.mark.room("noise"))])
 def test_study_that_a_run_refuses_states_nothing(folder: Path, spoilt: str) -> None:
     """Be it the last job whose elite was edited, whose ledger is damaged, or that has no noise run to choose by."""
     untested(folder)
