@@ -73,7 +73,10 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used."""
     if name not in _PLACES:
         raise AttributeError(f"module 'tacevo' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"tacevo.{_PLACES[name]}"), name)
+    from tacevo.parts.registry import needing_parts
+
+    with needing_parts():
+        return getattr(importlib.import_module(f"tacevo.{_PLACES[name]}"), name)
 
 
 def __dir__() -> list[str]:

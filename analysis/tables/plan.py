@@ -57,9 +57,11 @@ def _between_note(pilot: Pilot) -> tuple[str, ...]:
     """Say what of a sweep's spread lies between its searches, and how little a small pilot knows of it."""
     if pilot.kind == "study":
         return ()
-    between = "Between searches: all of the spread, since the pilot has no second training of a job."
+    between = "Interval searches: all of the spread, since the pilot has no second training of a job."
     if pilot.tested:
-        between = f"Between searches: what is left of the spread without {shown(pilot.tested)}, the noise of trainings."
+        between = (
+            f"Interval searches: what is left of the spread without {shown(pilot.tested)}, the noise of trainings."
+        )
     if pilot.is_all_noise:
         between += (
             " That noise alone explains the pilot's spread, so by the pilot all searches might be equal; the plan does "

@@ -23,6 +23,7 @@ from tacevo.config.conf_folder import check_experiment
 from tacevo.config.given import compose_given
 from tacevo.config.study import StudyStoreConfig
 from tacevo.errors import ConfigError, RunError
+from tacevo.parts.registry import needing_parts
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import search as run_search
 from tacevo.studies.given_run import record_given
@@ -32,6 +33,7 @@ from tacevo.studies.study import study as run_study
 from tacevo.text import as_override, counted
 
 
+@needing_parts()
 def search(*overrides: str, quiet: bool = False) -> Run:
     """Run a search, or continue one that was stopped; the same call repeats a finished one in seconds.
 
@@ -53,6 +55,7 @@ def search(*overrides: str, quiet: bool = False) -> Run:
     return open_run(done.directory)
 
 
+@needing_parts()
 def extend(run: Run | str | os.PathLike[str], *overrides: str, quiet: bool = False) -> Run:
     """Search on from the end of a run, in a run directory of its own, once its records were compared.
 
@@ -80,6 +83,7 @@ def study(
 ) -> Study: ...
 @overload
 def study(run: Sweep, *other: str, quiet: bool = False, **settings: Any) -> Sweep: ...
+@needing_parts()
 def study(
     run: Run | Sweep | str | os.PathLike[str] | None = None, *other: str, quiet: bool = False, **settings: Any
 ) -> Study | Sweep:
@@ -116,6 +120,7 @@ def study(
 def noise(run: Run | str | os.PathLike[str], *, quiet: bool = False, **settings: Any) -> Study: ...
 @overload
 def noise(run: Sweep, *, quiet: bool = False, **settings: Any) -> Sweep: ...
+@needing_parts()
 def noise(run: Run | Sweep | str | os.PathLike[str], *, quiet: bool = False, **settings: Any) -> Study | Sweep:
     """Train a run's elites again as its search did, with other seeds, to see how much of each fitness was luck.
 
@@ -143,6 +148,7 @@ def noise(run: Run | Sweep | str | os.PathLike[str], *, quiet: bool = False, **s
     return _study_of(done, given.store.root, run)
 
 
+@needing_parts()
 def publish(
     run: Run | Sweep | str | os.PathLike[str],
     target: str | os.PathLike[str],

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from tacevo.api import frames
 from tacevo.errors import ConfigError
+from tacevo.parts.registry import needing_parts
 from tacevo.records import Json, to_json
 from tacevo.runs.answers import judged_answers
 
@@ -33,6 +34,7 @@ def check(*answers: str | Path, task: str = "force", image_size: int | None = No
     return frames.frame(judged_answers(answers, task=task, image_size=image_size), frames.CHECKS)
 
 
+@needing_parts()
 def check_data(*overrides: str, sheet: str | os.PathLike[str] | None = None, quiet: bool = False) -> dict[str, Json]:
     """Load a data set as a search would, count it and draw a contact sheet, as `tacevo data check`.
 

@@ -25,6 +25,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.gate.imports import with_imports
+from tacevo.parts.registry import needing_parts
 from tacevo.results.run import RecordedRun
 from tacevo.results.summary import summarise
 from tacevo.runs.profiles import recall_profiles
@@ -110,6 +111,7 @@ class Run:
         """The prompt archive by niche; without rows where the search kept none; columns: docs/python.md."""
         return frames.frame(map(asdict, self.recorded.prompt_trials), frames.PROMPTS, index="niche")
 
+    @needing_parts()
     def pareto(self, objectives: Sequence[str | pd.Series[Any]] = ("fitness", "flops")) -> pd.DataFrame:
         """Return the front: the trained candidates that no other one beats in all objectives; columns: docs/python.md.
 
@@ -164,6 +166,7 @@ class Run:
         source = self._read_source(candidate)
         return trusted_network.build(source, f"candidate_{candidate}", self.recorded.record.task.contract)
 
+    @needing_parts()
     def export(
         self,
         candidate: str,
@@ -225,7 +228,8 @@ class Run:
                 one,
                 compared.get(one.path.name),
                 again.get(one.path.name),
-                self._pages_of,
+                tables=self._tables_of,
+                figures=self._figures_of,
                 unread=collection.unread.get(one.path.name, ""),
                 left_out="; ".join(reason for reason in collection.left_out if one.path.name in reason),
             )
@@ -241,6 +245,7 @@ class Run:
         return self._named({table.name: Table(table) for table in tables}, "run.tables", missing)
 
     @cached_property
+    @needing_parts()
     def figures(self) -> Mapping[str, Draw]:
         """Every figure of `tacevo figures` by name, as `fitness`; each is a function that draws one.
 
@@ -259,6 +264,7 @@ class Run:
         """Why studies of the run, or their comparisons or re-estimates, are not shown, a sentence each."""
         return (*self.collection.left_out, *self.collection.remarks)
 
+    @needing_parts()
     def replay(self, *, trust_parts: bool = False, quiet: bool = False) -> str:
         """Run the search and its studies again from their stores, without model or training; compare every line.
 
@@ -333,6 +339,7 @@ class Run:
             named |= {name: value for name, value in below.items() if name not in named}
         return Named(named, what, self._lacking() or [*self.left_out, *missing])
 
+    @needing_parts()
     def _draw_samples(self) -> Figure:
         from rich.console import Console
 
@@ -340,10 +347,14 @@ class Run:
 
         return samples_of_run(self.recorded.with_data, self.recorded.facts, Console(stderr=True))
 
-    def _pages_of(self, study: str) -> tuple[Mapping[str, Table], Mapping[str, Draw]]:
-        lacking = self._lacking() or [reason for reason in self.left_out if study in reason]
-        tables = _below(study, self.tables, "study.tables", lacking)
-        return tables, _below(study, self.figures, "study.figures", lacking)
+    def _tables_of(self, study: str) -> Mapping[str, Table]:
+        return _below(study, self.tables, "study.tables", self._lacking_of(study))
+
+    def _figures_of(self, study: str) -> Mapping[str, Draw]:
+        return _below(study, self.figures, "study.figures", self._lacking_of(study))
+
+    def _lacking_of(self, study: str) -> list[str]:
+        return self._lacking() or [reason for reason in self.left_out if study in reason]
 
     def _moved_to(self, other: Sequence[str]) -> str | None:
         """Return the place of the data set that a user names, in place of the run's."""

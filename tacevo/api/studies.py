@@ -36,8 +36,9 @@ class Study:
         finished: FinishedStudy,
         compared: Compared | None,
         reestimates: Reestimates | None,
-        pages: Callable[[str], tuple[Mapping[str, Table], Mapping[str, Callable[[], Figure]]]],
         *,
+        tables: Callable[[str], Mapping[str, Table]],
+        figures: Callable[[str], Mapping[str, Callable[[], Figure]]],
         unread: str = "",
         left_out: str = "",
     ) -> None:
@@ -46,7 +47,8 @@ class Study:
         self._unread = unread
         #: Why nothing of it is compared, although it tests networks; empty where its comparison says that.
         self._left_out = left_out
-        self._finished, self._compared, self._reestimates, self._pages = finished, compared, reestimates, pages
+        self._finished, self._compared, self._reestimates = finished, compared, reestimates
+        self._tables, self._figures = tables, figures
 
     @property
     def name(self) -> str:
@@ -120,12 +122,12 @@ class Study:
     @property
     def tables(self) -> Mapping[str, Table]:
         """Its tables by name, as `verdicts`."""
-        return self._pages(self.name)[0]
+        return self._tables(self.name)
 
     @property
     def figures(self) -> Mapping[str, Callable[[], Figure]]:
         """Its figures by name, as `seed_boxes`; each is a function that draws one."""
-        return self._pages(self.name)[1]
+        return self._figures(self.name)
 
     def __repr__(self) -> str:
         header = self._finished.header

@@ -20,6 +20,7 @@ from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, located
 from tacevo.choices import Primary
 from tacevo.errors import ConfigError
+from tacevo.parts.registry import needing_parts
 from tacevo.results.sweep import Standing, state_of
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import listed, nearest
@@ -147,6 +148,7 @@ class Sweep:
         return Named({table.name: Table(table) for table in tables}, "sweep.tables", missing)
 
     @cached_property
+    @needing_parts()
     def figures(self) -> Mapping[str, Draw]:
         """Every figure of `tacevo ablations` by name; each is a function that draws a Matplotlib figure."""
         from analysis.report.figure_list import sweep_pictures, with_others  # Matplotlib takes a second to import
@@ -156,6 +158,7 @@ class Sweep:
         pictures = with_others(sweep_pictures(self.collection()), brought, missing.append)
         return Named({picture.name: picture.draw for picture in pictures}, "sweep.figures", missing)
 
+    @needing_parts()
     def replay(self, *, trust_parts: bool = False, quiet: bool = False) -> str:
         """Run every search and study again, as `Run.replay`; return the digest of the sweep."""
         place = self.place if self.place.digest is not None else located(self.place.folder)

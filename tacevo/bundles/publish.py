@@ -176,11 +176,12 @@ def _stage(run: RecordedRun, studies: Iterable[StudyDirectory]) -> dict[str, byt
     directory, record = run.directory, _publishable(run.record)
     source = directory.path
     paths = [*source.glob("candidates/*"), *(source / name for name in RUN_FILES if name != NOTE)]
-    for name in run.config.code:
-        paths += [source / PARTS / name / file for file in directory.read_part(name) or ()]
     known = list(studies)
     paths += [study.path / "scores.jsonl" for study in known]
     files = {path.relative_to(source).as_posix(): path.read_bytes() for path in paths if path.exists()}
+    for name in run.config.code:
+        for file, text in (directory.read_part(name) or {}).items():
+            files[f"{PARTS}/{name}/{file}"] = text.encode()
     for study in known:  # as a replay of the bundle demands it, however it is spaced here
         files[f"studies/{study.path.name}/study.json"] = readable(plain_study(study.read())).encode()
     if "timings.jsonl" in files:  # without lines that a kill tore

@@ -14,7 +14,7 @@ from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.config.conf_folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.parts.kinds import COMMAND_GROUPS, COMMANDS
-from tacevo.parts.registry import Part, missing, ours, parts
+from tacevo.parts.registry import Part, needing_parts, ours, parts
 from tacevo.text import unbroken
 
 #: What replaced commands of the last release.
@@ -60,9 +60,10 @@ def run(read: Callable[[], argparse.Namespace], *, is_process: bool) -> int:
     options = argparse.Namespace(interrupted="nothing was begun")
     with edge():
         try:
-            options = read()
-            with reading_own(getattr(options, "config_dir", None)):
-                status: int = options.command(options)
+            with needing_parts():
+                options = read()
+                with reading_own(getattr(options, "config_dir", None)):
+                    status: int = options.command(options)
             return status
         except KeyboardInterrupt as interruption:
             _end_at_once(is_process=is_process)
@@ -77,10 +78,6 @@ def run(read: Callable[[], argparse.Namespace], *, is_process: bool) -> int:
             names = {BundleError: "refused", DivergenceError: "different"}
             tell(f"{names.get(type(error), 'error')}: {error}", error=True)
             return DIFFERENT if type(error) in names else MISTAKE
-        except ModuleNotFoundError as error:  # a part, or a library of it, that was not installed
-            _end_at_once(is_process=is_process)
-            tell(f"error: {missing(error)}", error=True)
-            return MISTAKE
         except OSError as error:  # a full disk, a directory without permission
             _end_at_once(is_process=is_process)
             named = error.filename is not None and error.strerror is not None

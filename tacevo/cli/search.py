@@ -15,6 +15,7 @@ from tacevo.config.conf_folder import check_experiment
 from tacevo.config.schema import RunConfig
 from tacevo.environment import as_typed
 from tacevo.parts.kinds import TRACKERS
+from tacevo.parts.registry import is_there
 from tacevo.parts.tracker import Tracker
 from tacevo.records import Mode, to_json
 from tacevo.results.sweep import Standing
@@ -91,7 +92,7 @@ def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     tell(f"verify: {tacevo} replay {run}")
     for remark in remarks:
         tell(remark)
-    if result.succeeded and not result.looked_up:
+    if result.succeeded and not result.looked_up and is_there("tacevo.studies.noise"):
         tell(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
     tell(f"digest: {result.digest}")
 

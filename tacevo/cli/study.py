@@ -19,6 +19,7 @@ from tacevo.config.sources import is_elsewhere
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
+from tacevo.parts.registry import is_there
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
@@ -188,7 +189,7 @@ def show_found(studied: Studied, store: str | None) -> RecordedRun:
     if table := outcomes(run, studies).get(studied.directory.name):
         print_table(table, Console())
         say(why for why in studies.left_out + studies.remarks if studied.directory.name in why)
-    for command in ("tables", "report"):
+    for command in ("tables", *(("report",) if is_there("analysis.report.page") else ())):
         tell(f"look:   {as_typed('tacevo')} {command} {shlex.quote(str(run.path))}")
     return run
 

@@ -3,10 +3,9 @@
 import ast
 import re
 from importlib.metadata import PackageNotFoundError, requires
-from importlib.util import find_spec
 
 from tacevo.errors import ConfigError
-from tacevo.parts.registry import EXTRAS, Part
+from tacevo.parts.registry import EXTRAS, Part, is_there
 from tacevo.parts.sources import files_of
 
 
@@ -31,7 +30,7 @@ def lacking(part: Part) -> list[str]:
     """List what a part needs and is not installed: libraries of ours, distributions that a package requires."""
     if part.is_ours:
         extra = part.kind.extras.get(part.name)
-        return [library for library, of in EXTRAS.items() if of == extra and not _is_there(library)]
+        return [library for library, of in EXTRAS.items() if of == extra and not is_there(library)]
     try:
         needed = requires(part.origin.partition(" ")[0]) or []
     except PackageNotFoundError:  # a file
@@ -43,13 +42,6 @@ def _name(requirement: str) -> str:
     """Return the name of a distribution in a requirement, as `torch` of `torch>=2.6`."""
     match = re.match(r"[A-Za-z0-9._-]+", requirement)
     return match[0] if match else requirement
-
-
-def _is_there(library: str) -> bool:
-    try:
-        return find_spec(library) is not None
-    except ImportError:
-        return False
 
 
 def _is_installed(distribution: str) -> bool:

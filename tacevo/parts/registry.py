@@ -5,9 +5,11 @@ Nothing is imported to list parts. One of ours is found first, so a package cann
 
 import hashlib
 import importlib
+import importlib.util
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
@@ -161,14 +163,12 @@ def _in_file(kind: Kind, file: Path, name: str) -> Part:
 
 def import_file(file: Path) -> ModuleType:
     """Import a file as a module of a name that no other file has; what lies beside it can be imported by it, too."""
-    from importlib.util import module_from_spec, spec_from_file_location
-
     place = file.resolve()
     name = f"tacevo_part_{file.stem}_{hashlib.sha256(str(place).encode()).hexdigest()[:8]}"
-    spec = spec_from_file_location(name, place)
+    spec = importlib.util.spec_from_file_location(name, place)
     assert spec is not None  # the file ends with .py
     assert spec.loader is not None
-    module = module_from_spec(spec)
+    module = importlib.util.module_from_spec(spec)
     if str(place.parent) not in sys.path:
         sys.path.append(str(place.parent))  # behind all that is installed
     sys.modules[name] = module  # where a dataclass looks the types of its fields up
@@ -197,6 +197,27 @@ EXTRAS = {
     "submitit": "slurm",
     **dict.fromkeys(("onnx", "onnxruntime", "onnxscript", "safetensors"), "export"),
 }
+
+
+def is_there(module: str) -> bool:
+    """Answer whether a module of a part, or of a library, is installed; it is not imported."""
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ImportError:  # not even what it lies in
+        return False
+
+
+@contextmanager
+def needing_parts() -> Iterator[None]:
+    """Let a block, or a function that this decorates, import what may be left out.
+
+    Raises:
+        ConfigError: a part, or a library of it, is not installed; as `missing` says it.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise missing(error) from error
 
 
 def missing(error: ImportError, *, place: str = "", extra: str = "") -> ConfigError:

@@ -201,18 +201,24 @@ class RunDirectory:
     def read_part(self, name: str) -> dict[str, str] | None:
         """Read the sources of a part that a user brought, by file in order; None where there are none.
 
-        Links are not followed, since a run may be a stranger's. What Python compiled there (`__pycache__`) is passed
-        over; whatever else is no file of sources makes it another part.
+        What Python compiled there (`__pycache__`) and an empty directory are passed over; whatever else is no file of
+        sources makes it another part: a link, which is not followed, since a run may be a stranger's, a pipe, or a file
+        of more than `MOST_BYTES`. It is listed with a text that says so, and is never read.
         """
         texts: dict[str, str] = {}
-        pending = [(self.path / PARTS / name, "")]
+        root = self.path / PARTS / name
+        pending = [root]
         while pending and len(texts) <= MOST_FILES:
-            folder, prefix = pending.pop()
-            for path in folder.iterdir() if folder.is_dir() and not folder.is_symlink() else ():
-                if path.is_dir() and path.name != "__pycache__":
-                    pending.append((path, f"{prefix}{path.name}/"))
-                elif path.is_file() and not path.is_symlink() and path.stat().st_size <= MOST_BYTES:
-                    texts[f"{prefix}{path.name}"] = path.read_bytes().decode(errors="replace")
+            path = pending.pop()
+            file = path.relative_to(root).as_posix()
+            if path.is_symlink():
+                texts[file] = "a link"
+            elif path.is_dir():
+                pending += () if path.name == "__pycache__" else path.iterdir()
+            elif path.is_file() and path.stat().st_size <= MOST_BYTES:
+                texts[file] = path.read_bytes().decode(errors="replace")
+            elif path.exists():
+                texts[file] = "no file of sources, or too large a one"
         return {file: texts[file] for file in sorted(texts)} or None
 
     def read_kept(self, name: str) -> bytes | None:

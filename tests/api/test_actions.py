@@ -31,6 +31,7 @@ print([tacevo.search(*sys.argv[1:], "run.dir=run", quiet=True).digest])
 """
 
 
+@pytest.mark.room("publishing", "plans, pilots")
 @pytest.mark.slow
 def test_whole_way_from_a_search_to_a_bundle(place: Path) -> None:
     """Each call returns what the commands then find, and a second search in the process is the command's."""

@@ -17,7 +17,6 @@ from refusals import refused
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
 
 import tacevo
-from analysis.runs.pareto import PARETO
 from analysis.sweeps.ablation import Ablation
 from analysis.sweeps.arm_metrics import Metric
 from tacevo.api import frames
@@ -103,15 +102,20 @@ def test_frames_are_equal_from_directory_and_bundle(opened: tacevo.Run, publishe
     assert isinstance(other, tacevo.Run)
     for name in ("candidates", "generations", "elites", "prompts"):
         assert_frame_equal(getattr(opened, name), getattr(other, name))
-    assert_frame_equal(opened.pareto(), other.pareto())
     assert opened.digest == other.digest
     (ours,), (theirs,) = opened.studies, other.studies
     for name in ("networks", "scores", "verdicts", "reestimates"):
         assert_frame_equal(getattr(ours, name), getattr(theirs, name))
 
 
-def test_front_is_of_the_objectives_that_are_asked_for(opened: tacevo.Run) -> None:
+@pytest.mark.room("Pareto")
+def test_front_is_of_the_objectives_that_are_asked_for(opened: tacevo.Run, published: Path) -> None:
     """Among them a cost of one's own, which only some candidates have; what was studied counts by its other seeds."""
+    from analysis.runs.pareto import PARETO
+
+    directory = tacevo.open(published / "run")
+    assert isinstance(directory, tacevo.Run)
+    assert_frame_equal(opened.pareto(), directory.pareto())
     front = opened.pareto(["fitness", "flops"])
     assert {name: str(dtype) for name, dtype in front.dtypes.items()} == PARETO
     assert front["fitness"].is_monotonic_increasing
@@ -126,6 +130,7 @@ def test_front_is_of_the_objectives_that_are_asked_for(opened: tacevo.Run) -> No
     assert (str(timed["ms"].dtype), {*timed["estimate"]}) == ("float64", {"re-estimated"})
 
 
+@pytest.mark.room("Pareto")
 @pytest.mark.parametrize(
     "objectives",
     [
@@ -296,6 +301,7 @@ def test_sweep_is_the_same_from_directory_and_bundle(swept: Path) -> None:
         one.contrasts("test_score")
 
 
+@pytest.mark.room("plans, pilots")
 def test_plan_is_of_one_study_where_a_run_has_several() -> None:
     """They may not be of one kind; what is no pilot is refused by name."""
     run = tacevo.open(ROOT / "cache" / "published" / "grating-claude.zip")
@@ -310,6 +316,7 @@ def test_plan_is_of_one_study_where_a_run_has_several() -> None:
             tacevo.plan("sweep", pilot, effect=0.2)
 
 
+@pytest.mark.room("publishing")
 @pytest.mark.slow
 def test_sweep_is_published_from_its_directory(swept: Path, tmp_path: Path) -> None:
     """By the open sweep; a published one is refused."""
@@ -348,6 +355,7 @@ def test_notebooks_see_tables(opened: tacevo.Run, swept: Path) -> None:
         assert "<script" not in text
 
 
+@pytest.mark.room("noise")
 def test_verdicts_without_rows_give_their_reason(place: Path) -> None:
     """Too few seeds, a noise run; what is made of such a frame is a frame as any other, and its columns are there."""
     assert main(["search", *SMALLEST, UNTRACKED, *PUBLISHED_SIZES, "run.dir=run"]) == 0

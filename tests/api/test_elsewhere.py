@@ -55,8 +55,8 @@ def test_stores_of_others_are_not_taken_for_the_run_s(sibling: Path, monkeypatch
     lost = open_run(sibling / "run")
     assert lost.config.store.root == "cache"  # the user's own directory, and never one that lies above the run
     with pytest.raises(RunError, match="store=DIR"):
-        lost.pareto()
-    assert "re-estimated" in set(open_run(sibling / "run", store="moved").pareto().estimate)
+        assert lost.studies[0].reestimates is not None
+    assert len(open_run(sibling / "run", store="moved").studies[0].reestimates) > 0
 
 
 def test_run_moved_with_its_stores_is_found_above(sibling: Path, tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ def test_run_moved_with_its_stores_is_found_above(sibling: Path, tmp_path: Path)
     (tmp_path / "else" / "deep").mkdir(parents=True)
     (sibling / "cache").rename(tmp_path / "else" / "cache")
     (sibling / "run").rename(tmp_path / "else" / "deep" / "renamed")
-    assert "re-estimated" in set(open_run(tmp_path / "else" / "deep" / "renamed").pareto().estimate)
+    assert len(open_run(tmp_path / "else" / "deep" / "renamed").studies[0].reestimates) > 0
 
 
 def test_directories_of_others_are_not_looked_through(
@@ -102,7 +102,7 @@ def test_name_that_leads_up_is_not_looked_up_above_a_run(folder: Path) -> None:
     assert Path(found_data(directory, settings_of(directory)) or "").resolve() == folder / "else" / "images"
 
 
-@pytest.mark.parametrize("command", ["study", "noise", "extend"])
+@pytest.mark.parametrize("command", ["study", pytest.param("noise", marks=pytest.mark.room("noise")), "extend"])
 def test_nothing_is_written_into_stores_of_others(
     command: str, sibling: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -126,7 +126,7 @@ def test_open_run_is_studied_with_the_stores_that_it_has(sibling: Path) -> None:
     assert not Path("cache").exists()
 
 
-@pytest.mark.room("figures")
+@pytest.mark.room("figures", "Pareto")
 def test_missing_stores_are_told_by_every_object_that_needs_them(sibling: Path) -> None:
     """What would be other numbers is an error or left out; run, study, tables and figures say that stores are missing.
 
@@ -156,7 +156,7 @@ def test_directory_that_is_left_is_an_error(sibling: Path, monkeypatch: pytest.M
     run = open_run("run")
     monkeypatch.chdir("/")
     with pytest.raises(RunError, match="open the run again"):
-        run.pareto()
+        assert run.studies
 
 
 @pytest.fixture
@@ -176,6 +176,7 @@ def recorded(place: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return run
 
 
+@pytest.mark.room("noise", "figures", "data check", "export")
 @pytest.mark.slow
 def test_commands_find_data_from_the_run(recorded: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """A study, a noise run, retraining, an export and an extension from elsewhere train on the run's own images."""
@@ -189,6 +190,7 @@ def test_commands_find_data_from_the_run(recorded: Path, capfd: pytest.CaptureFi
     assert not Path("cache/studies").exists()
 
 
+@pytest.mark.room("export")
 @pytest.mark.slow
 def test_export_takes_the_place_of_the_data(recorded: Path) -> None:
     """The data set may have moved; another data set, or another setting of data, is refused."""

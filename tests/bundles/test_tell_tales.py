@@ -18,7 +18,7 @@ from llm_server import serving
 from small_recordings import save_image
 from smallest import ARCHIVES, UNTRACKED
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.room("publishing", "hosted")]
 
 #: What stands in each name that must not be published.
 TELL_TALE = "zaphod"

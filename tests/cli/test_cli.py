@@ -116,6 +116,7 @@ def test_other_configuration_in_the_same_directory_is_refused(copied: Path, caps
     assert (copied / "run" / "ledger.jsonl").read_bytes() == before
 
 
+@pytest.mark.room("noise")
 def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:
     """Where to look and what next, also where a directory has a space in its name; the digest is the last line."""
     result = Result(

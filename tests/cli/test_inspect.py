@@ -44,7 +44,8 @@ def shown(tmp_path: Path) -> Path:
     directory = RunDirectory(tmp_path / "run")
     directory.path.mkdir()
     given = (Given(name="theirs", source="class Net: pass"),)
-    directory.write_run(run_record(task=replace(TASK, given=given)))
+    config = to_json(task_without_data("force", 32)[0])
+    directory.write_run(replace(run_record(task=replace(TASK, given=given)), config=config))
     directory.write_text("ledger.jsonl", sealed_text([header(), *LINES])[0])
     return directory.path
 

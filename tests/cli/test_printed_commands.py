@@ -16,7 +16,6 @@ from tacevo.bundles.readme import _origin
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_study
 from tacevo.errors import RunError
-from tacevo.results.noise_runs import noise_digest
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory, SweepRecord
 from tacevo.text import as_override
@@ -68,15 +67,18 @@ def test_warning_of_the_mirror_names_the_run(tmp_path: Path) -> None:
     assert printed(mirror.finish(None) or "") == [["tacevo", "track", str(tmp_path / HOSTILE)]]
 
 
+@pytest.mark.room("noise")
 def test_run_without_a_noise_run_names_the_command_that_makes_one(tmp_path: Path) -> None:
     """The run may be called anything."""
+    from tacevo.results.noise_runs import noise_digest
+
     run: Any = SimpleNamespace(directory=RunDirectory(tmp_path / HOSTILE), ledger=SimpleNamespace(digest=""))
     with refused(RunError, remedy="run `tacevo noise ") as raised:
         noise_digest(run)
     assert printed(raised.value.remedy) == [["tacevo", "noise", str(tmp_path / HOSTILE)]]
 
 
-@pytest.mark.room("page")
+@pytest.mark.room("page", "plans, pilots")
 def test_run_without_a_study_names_the_command_that_makes_one(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Beside its tables, and as a pilot of a plan; of a sweep, all jobs can be studied."""
     shutil.rmtree(run / "studies")

@@ -112,7 +112,7 @@ def test_elites_of_a_noise_run_are_all_or_a_number(override: str) -> None:
         compose_noise(["run=x", override])
 
 
-@pytest.mark.parametrize("command", ["study", "noise"])
+@pytest.mark.parametrize("command", ["study", pytest.param("noise", marks=pytest.mark.room("noise"))])
 def test_run_is_a_setting_or_a_bare_word(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Wherever it stands, and although its name looks like a setting; two runs are refused, and so is none."""
     place = tmp_path / "run=1"

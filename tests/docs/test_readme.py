@@ -149,6 +149,7 @@ def test_readme_shows_what_a_replay_ends_with(
     assert capsys.readouterr().out.splitlines()[-len(lines) :] == lines
 
 
+@pytest.mark.room("noise")
 def test_readme_shows_what_the_demo_prints() -> None:
     """The lines below `make demo` are those of its recorded run, which is what the demo is today.
 

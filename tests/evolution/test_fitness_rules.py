@@ -12,7 +12,6 @@ import pytest
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
 
 from analysis.report.collection import collect
-from analysis.studies.noise import SeedNoise
 from tacevo.cli.app import main
 from tacevo.evolution.fitness import Last, Lowest, MeanOf3
 from tacevo.evolution.lines import CandidateLine
@@ -77,9 +76,12 @@ def test_every_fitness_of_a_search_follows_the_rule(rule: Fitness) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.room("noise")
 @pytest.mark.parametrize(("name", "rule"), [("lowest", Lowest()), ("mean_of_3", MeanOf3())])
 def test_a_run_by_another_rule(name: str, rule: Fitness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Search, noise run, study, replay and API take one fitness; trainings are shared with the paper's rule."""
+    from analysis.studies.noise import SeedNoise
+
     monkeypatch.chdir(tmp_path)
     sizes = [
         *SMALLEST,

@@ -11,7 +11,6 @@ from hand_sweeps import finished, run_to, sweep_of
 from ledger_lines import header
 from refusals import refused
 
-from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
 from analysis.tables.dynamics import generations_table, temperatures_table
 from tacevo.config.compose import compose
@@ -88,8 +87,11 @@ def test_summary_says_it() -> None:
     assert "not sent" not in summarise(of_lines(header(), *plain, config=config))
 
 
+@pytest.mark.room("alarms")
 def test_health_page_says_it_instead_of_a_stuck_temperature() -> None:
     """A temperature that nobody was sent is not stuck."""
+    from analysis.runs.health import alarms
+
     hand = without_temperatures()
     stuck = altered(hand, generations=tuple(closed(number, temperature=1.0) for number in range(4)))
     raised = [alarm for alarm in alarms(stuck, NICHES) if "temperature" in alarm.name]

@@ -370,14 +370,23 @@ def _loop(path: Path) -> None:
 
 @pytest.mark.parametrize("lay", [_link, _pipe, _huge, _loop])
 def test_what_is_no_file_of_sources_is_never_read(recorded: Path, tmp_path: Path, lay: Callable[[Path], None]) -> None:
-    """Below `parts/` of a run: in place of a source it is not what decided, and beside the sources it is nothing."""
+    """Below `parts/` of a run, in place of a source or beside the sources: it is another part than what decided.
+
+    What Python compiled there changes nothing.
+    """
     shutil.copytree(recorded / "run", tmp_path / "run")
-    lay(tmp_path / "run/parts/Greedy/other.py")
     asked = "replay", "run", "--store", str(recorded / "cache")
+    sources = tmp_path / "run/parts/Greedy"
+    (sources / "__pycache__").mkdir()
+    lay(sources / "__pycache__" / "honest.pyc")
     assert "EQUAL: " in tacevo(*asked, cwd=tmp_path).stdout
-    source = tmp_path / "run/parts/Greedy/honest.py"
-    source.unlink()
-    lay(source)
+    (sources / "deep").mkdir()
+    lay(sources / "deep" / "other")
+    refusal = tacevo(*asked, cwd=tmp_path, status=2).stderr
+    assert re.search("they were edited; .*deep/other", refusal), refusal
+    (sources / "deep" / "other").unlink()
+    (sources / "honest.py").unlink()
+    lay(sources / "honest.py")
     assert "they were edited" in tacevo(*asked, cwd=tmp_path, status=2).stderr
 
 
@@ -388,7 +397,7 @@ def test_link_in_place_of_the_sources_is_not_followed(recorded: Path, tmp_path: 
     sources.rename(tmp_path / "elsewhere")
     sources.symlink_to(tmp_path / "elsewhere")
     refusal = tacevo("replay", "run", "--store", recorded / "cache", cwd=tmp_path, status=2)
-    assert "no sources" in refusal.stderr
+    assert "they were edited" in refusal.stderr
 
 
 @pytest.mark.parametrize(("name", "mode"), [("big.py", 0o100644), ("link.py", 0o120777), ("pipe.py", 0o010644)])

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from checkout import PUBLISHED, ROOT
-from rooms import ROOMS, Ended, run_without
+from rooms import ROOMS, Ended, ask_without, run_without
 from smallest import ARCHIVES, Once
 
 from tacevo.parts.facts import OUTPUT_TABLES
@@ -155,6 +155,57 @@ def test_what_names_a_hidden_room_is_told_in_one_line(room: str, recorded: Path,
         assert "pip install" in line
         assert re.search(r"[Nn]o module (named )?'?(tacevo|analysis|ray|onnx|matplotlib|openai|anthropic)", line), line
     assert {path for path in tmp_path.iterdir() if path.is_dir()} <= made | {tmp_path / "runs", tmp_path / "paper"}
+
+
+#: What names a room from Python, by room; `RUN` is an open run.
+FROM_PYTHON = {
+    "Pareto": ["RUN.pareto()"],
+    "figures": ["RUN.figures", "RUN.studies[0].figures"],
+    "plans, pilots": ["tacevo.plan"],
+    "noise": ["tacevo.noise(RUN, quiet=True)"],
+    "export": ["RUN.export('g00s00', 'exported', quiet=True)"],
+    "data check": ["RUN.figures['samples']()", "tacevo.check_data('task=force', quiet=True)"],
+    "table": ["tacevo.open_table"],
+    "crate": ["tacevo.publish(RUN, 'again.zip', quiet=True)"],
+    "surrogate": [f"tacevo.search(*{[*SETTINGS.split(), 'proposals.skipped=0.5']}, quiet=True)"],
+}
+
+#: Prints the error that each line raises; an open run has its tables whatever is hidden.
+_ASKING = """
+import sys
+import tacevo
+RUN = tacevo.open("runs/first")
+assert RUN.tables and RUN.studies[0].tables
+for line in sys.stdin.read().splitlines():
+    try:
+        eval(line)
+    except tacevo.ConfigError as error:
+        print(error)
+"""
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("room", FROM_PYTHON)
+def test_what_names_a_hidden_room_from_python_is_told_in_the_same_line(
+    room: str, recorded: Path, tmp_path: Path
+) -> None:
+    """As a ConfigError; what needs it not is there."""
+    shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
+    lines = "\n".join(FROM_PYTHON[room])
+    told = ask_without(HIDDEN[room], _ASKING, lines, folder=tmp_path / "hidden", cwd=tmp_path).splitlines()
+    assert len(told) == len(FROM_PYTHON[room])
+    for line in told:
+        assert re.search(r"expected what it needs to be installed; got no module (tacevo|analysis|matplotlib)", line)
+
+
+@pytest.mark.parametrize(("room", "named"), [("noise", "tacevo noise"), ("page", "tacevo report")])
+def test_no_command_of_a_hidden_room_is_proposed(room: str, named: str, recorded: Path, tmp_path: Path) -> None:
+    """At the end of a search and of a study."""
+    shutil.copytree(recorded, tmp_path, dirs_exist_ok=True)
+    asked = [CORE["search"], CORE["study"]]
+    for hidden, is_proposed in (("", True), (HIDDEN[room], False)):
+        printed = "".join(out for _, out, _ in run_without(hidden, asked, tmp_path / "hidden", tmp_path))
+        assert (named in printed) == is_proposed
 
 
 @pytest.mark.parametrize("room", ["motifs", "noise"])

@@ -253,6 +253,7 @@ class Lost(Output):
         raise KeyError("lost")
 
 
+@pytest.mark.room("page", "figures")
 @pytest.mark.parametrize(
     ("output", "place", "words"),
     [

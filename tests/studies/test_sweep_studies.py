@@ -175,7 +175,7 @@ def test_arms_that_cannot_be_compared_are_refused_before_anything_is_stated(fold
     assert SweepDirectory(Path("sweep")).read().terms.retraining is None
 
 
-@pytest.mark.parametrize("spoilt", ["source", "ledger", "nothing"])
+@pytest.mark.parametrize("spoilt", ["source", "ledger", pytest.param("nothing", marks=pytest.mark.room("noise"))])
 def test_study_that_a_run_refuses_states_nothing(folder: Path, spoilt: str) -> None:
     """Be it the last job whose elite was edited, whose ledger is damaged, or that has no noise run to choose by."""
     untested(folder)
@@ -270,6 +270,7 @@ def test_wrong_setting_is_refused_by_its_name(settings: list[str], place_of: str
         compose_study(settings)
 
 
+@pytest.mark.room("noise", "plans, pilots")
 @pytest.mark.slow
 def test_several_elites_that_a_noise_run_chose_are_tested(
     swept: Path, place: Path, capsys: pytest.CaptureFixture[str]
@@ -360,6 +361,7 @@ def test_score_that_no_training_gave_is_found_in_a_published_sweep(
     assert "metrics.mse" in capsys.readouterr().err
 
 
+@pytest.mark.room("noise")
 @pytest.mark.slow
 def test_every_job_has_a_noise_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of all its elites, with the seeds that were asked for."""
@@ -375,6 +377,7 @@ def test_every_job_has_a_noise_run(folder: Path, capsys: pytest.CaptureFixture[s
         assert {row["seed"] for row in rows} == {0, 1}
 
 
+@pytest.mark.room("noise")
 def test_noise_run_of_a_run_and_a_sweep_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One of both is meant."""
     assert main(["noise", "run=sweep/none-seed0", "sweep=sweep"]) == 2

@@ -13,7 +13,6 @@ from smallest import SMALLEST, UNTRACKED
 
 from analysis.runs.coverage_map import coverage_map, reachable
 from analysis.runs.dynamics import progress
-from analysis.runs.health import alarms
 from analysis.runs.niches import Niches, load_niches
 from analysis.tables.dynamics import generations_table
 from tacevo.cli.app import main
@@ -91,8 +90,11 @@ def test_niches_are_those_that_were_searched(archive: Any, networks: int, axes: 
         load_niches(altered(run, centroids=content_hash([prompts, prompts])).with_store(str(tmp_path)))
 
 
+@pytest.mark.room("alarms")
 def test_alarms_of_niches_need_niches() -> None:
     """Without niches nothing is said of them, however alike the descriptors are."""
+    from analysis.runs.health import alarms
+
     told = {alarm.name for alarm in alarms(best_of_all(), NO_NICHES.networks)}
     assert not told & {"few reachable niches", "crowded niche", "constant ArchDiv", "constant EffRatio"}
 
@@ -104,8 +106,11 @@ def test_reachable_niches_of_one_axis_lie_between_the_ends() -> None:
     assert reachable(placed, TENTHS) == frozenset(range(2, 7))
 
 
+@pytest.mark.room("alarms")
 def test_alarm_of_one_axis_names_that_axis() -> None:
     """A descriptor that tells nothing apart is called by its own name, and the unused one not at all."""
+    from analysis.runs.health import alarms
+
     told = {alarm.name for alarm in alarms(one_axis(*[0.5] * 9), TENTHS)}
     assert "constant EffRatio" in told
     assert "constant ArchDiv" not in told

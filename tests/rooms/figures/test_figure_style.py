@@ -20,8 +20,10 @@ from analysis.figures.by_generation import fitness_evolution
 from analysis.figures.maps import network_map
 from analysis.figures.style import house_style, render
 
+NAMES = [pytest.param(name, marks=pytest.mark.room("Pareto")) if name == "pareto" else name for name in DRAWN]
 
-@pytest.fixture(scope="module", params=DRAWN)
+
+@pytest.fixture(scope="module", params=NAMES)
 def figure(request: pytest.FixtureRequest) -> tuple[Figure, float]:
     """Return every figure in turn, drawn once, and the width that it should have, in inches."""
     draw, width = DRAWN[request.param]
@@ -74,7 +76,7 @@ def _hidden_ticks(axes: Axes) -> list[Text]:
 
 
 @pytest.mark.few(5)
-@pytest.mark.parametrize("name", DRAWN)
+@pytest.mark.parametrize("name", NAMES)
 def test_drawn_twice_it_has_the_same_bytes(name: str) -> None:
     """Two drawings of the same records are one file."""
     draw, _ = DRAWN[name]

@@ -19,7 +19,10 @@ import pytest
 from rooms import HIDES, ROOMS
 
 #: What publishing needs: anybody must be able to make a bundle's tables and figures again.
-PUBLISHING = ("crate", "figures", "data check", "motifs", "image tests", "transfer", "published")
+PUBLISHING = (
+    *("crate", "figures", "data check", "motifs", "image tests", "transfer", "published"),
+    *("Pareto", "alarms", "effects of instructions", "noise"),
+)
 
 #: Rooms that work with the help of others, which stay with them.
 WITH = MappingProxyType(
@@ -50,8 +53,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def _named(room: str) -> str:
-    """Return the name of a room, which may be written as its directory's."""
-    return _one_of(room.replace("_", " "))
+    """Return the name of a room, which may be written as its directory's: `plans_pilots` for `plans, pilots`."""
+    return {re.sub(r"\W+", "_", name.lower()): name for name in ROOMS}.get(room) or _one_of(room)
 
 
 def _one_of(room: str) -> str:

@@ -100,13 +100,21 @@ def run_without(
 
     `installed` are directories of further packages.
     """
+    told = ask_without(hidden, _RUN, "\n".join(commands), folder=folder, cwd=cwd, installed=installed)
+    return [tuple(json.loads(line)) for line in told.splitlines()]
+
+
+def ask_without(
+    hidden: str, program: str, given: str, *, folder: Path, cwd: Path, installed: Sequence[Path] = ()
+) -> str:
+    """Run a program with a text as its standard input, as `run_without` does; return what it prints."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "sitecustomize.py").write_text(f"NAMES = {hidden.split()!r}\n{HIDES}", encoding="utf-8")
     keys = {"ANTHROPIC_API_KEY": "none-that-is-asked", "OPENAI_API_KEY": "none-that-is-asked"}
     path = [str(folder), *map(str, installed), *_without_labs(sys.path)]
     done = subprocess.run(
-        [sys.executable, "-c", _RUN],
-        input="\n".join(commands),
+        [sys.executable, "-c", program],
+        input=given,
         cwd=cwd,
         env={
             **os.environ,
@@ -118,4 +126,4 @@ def run_without(
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    return [tuple(json.loads(line)) for line in done.stdout.splitlines()]
+    return done.stdout

@@ -11,11 +11,9 @@ from studies import study_of
 from analysis.figures.by_generation import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.pareto import pareto
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
-from analysis.runs.pareto import beside_costs, on_front, with_hypervolumes
 from tacevo.evolution.archive import find_centroids
 from tacevo.records import Kind, Reason, Stage
 from tacevo.results.study import RecordedStudy
@@ -74,17 +72,21 @@ def of_networks(study: RecordedStudy, count: int) -> RecordedStudy:
     return replace(study, networks=study.networks[:count])
 
 
-#: Of which the first of the front was trained again.
-BESIDE = beside_costs(RUN, {"g01s00": (0.45, 0.55, 0.5)})
+def pareto() -> Figure:
+    """Draw a front of which the first network was trained again; this needs the room of that name."""
+    from analysis.figures.pareto import pareto
+    from analysis.runs.pareto import beside_costs, on_front, with_hypervolumes
 
-VOLUMES = with_hypervolumes(RUN, progress(RUN))
+    beside = beside_costs(RUN, {"g01s00": (0.45, 0.55, 0.5)})
+    return pareto(beside, on_front(beside, ["fitness", "flops"]), "g00s00", with_hypervolumes(RUN, progress(RUN)))
+
 
 DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "fitness_evolution": (lambda: fitness_evolution(RUN, MEDIANS), 3.5),
     "trainable": (lambda: trainable(progress(RUN)), 3.5),
     "growth": (lambda: growth(RUN, 9, 6), 3.5),
     "temperature": (lambda: temperature(RUN), 3.5),
-    "pareto": (lambda: pareto(BESIDE, on_front(BESIDE, ["fitness", "flops"]), "g00s00", VOLUMES), 7.16),
+    "pareto": (pareto, 7.16),
     "network_map": (lambda: network_map(RUN, CENTROIDS), 3.5),
     "prompt_map": (lambda: prompt_map(RUN, CENTROIDS, range(9)), 3.5),
     "prompt_productivity": (lambda: prompt_productivity(by_prompt(RUN)), 3.5),

@@ -100,12 +100,12 @@ def test_pilot_that_is_all_noise_is_told() -> None:
     """In a note, with the interval that shows how little it knows; a study has no searches."""
     noisy = replace(SWEEP, spread=Spread(deviation=0.1, freedom=4), tested=0.16)
     notes = {pilot.kind: plan_table(plan(pilot, WISH)).notes for pilot in (noisy, STUDY)}
-    (told,) = (note for note in notes["sweep"] if note.startswith("Between searches"))
+    (told,) = (note for note in notes["sweep"] if note.startswith("Interval searches"))
     assert "all searches might be equal" in told
     low, high = noisy.spread.interval
     assert (low, high) == pytest.approx((0.1 * math.sqrt(4 / 11.1433), 0.1 * math.sqrt(4 / 0.484419)), rel=1e-5)
     assert f"{low:.3g} to {high:.3g}" in told
-    assert not any(note.startswith("Between searches") for note in notes["study"])
+    assert not any(note.startswith("Interval searches") for note in notes["study"])
     assert "all searches might be equal" not in "".join(plan_table(PLANNED()).notes)
 
 
