@@ -21,7 +21,7 @@ class Stored:
 
     kind: str
     bytes: int
-    #: Of a completion: the model that was asked, and its answer.
+    #: The model that was asked for a completion, and its answer; empty of another entry.
     model: str = ""
     completion: Completion | None = None
     #: None if the file is sound.

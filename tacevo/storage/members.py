@@ -28,7 +28,7 @@ class Member(PosixPath):
         between: stands between its place and the names in it.
     """
 
-    #: What is not there; so are paths that were made otherwise than by `/`.
+    #: The content of the member; None of what is not there, and of paths that were made otherwise than by `/`.
     _content: bytes | Tree | None = None
     _above: Self | None = None
     _name, _between = "", "/"

@@ -43,7 +43,7 @@ PARTS = "parts"
 
 _MAKES = "`tacevo search` makes one, and prints its name"
 
-#: Of a published run: the digests of all other files, in the form that `sha256sum --check` reads.
+#: The file of a published run with the digests of all other files, in the form that `sha256sum --check` reads.
 MANIFEST = "manifest-sha256.txt"
 
 
@@ -72,12 +72,12 @@ def runs_below(folder: Path) -> list[Path]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord(Record):
-    """What run.json holds."""
+    """The content of run.json."""
 
     #: Layout of the file.
     schema: Literal[1] = 1
     name: str
-    #: As `tacevo.records.to_json` writes it.
+    #: The configuration, as `tacevo.records.to_json` writes it.
     config: dict[str, FreeJson]
     task: Task
     data: DataFacts
@@ -115,12 +115,12 @@ class Timing(Record):
     usd: float
     unpriced: int
     uncounted: int = 0
-    #: When the line was written, in ISO 8601 with a time zone.
+    #: The time when the line was written, in ISO 8601 with a time zone.
     at: str
 
     @property
     def spent(self) -> Spending:
-        """What the answers cost."""
+        """The cost of the answers."""
         return Spending(**{field.name: getattr(self, field.name) for field in fields(Spending)})
 
 
