@@ -41,9 +41,9 @@ class Growing(Mapping[K, V]):
 
     def __init__(self) -> None:
         self._log: list[V] = []
-        #: Where in the log the values of a key stand, in order.
+        #: The indices in the log of the values of a key, in order.
         self._places: dict[K, list[int]] = {}
-        #: How many writes, and how many keys, are this mapping's own.
+        #: The number of writes, and of keys, that are this mapping's own.
         self._writes = self._keys = 0
 
     def adding(self, key: K, value: V) -> "Growing[K, V]":
@@ -87,7 +87,7 @@ _AT_ONCE = 1_000
 
 
 class AddStatus(StrEnum):
-    """What an insertion did; `rejected` leaves the archive as it was."""
+    """The result of an insertion; `rejected` leaves the archive as it was."""
 
     new = "new"
     improved = "improved"
@@ -99,7 +99,7 @@ class Elite:
     """The occupant of a niche."""
 
     name: str
-    #: What elites of one niche compete by; higher is better.
+    #: The quantity by which elites of one niche compete; higher is better.
     objective: float
 
 
@@ -202,7 +202,7 @@ def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStat
 class TopK:
     """An archive without niches: so many places for the best networks of all."""
 
-    #: How many, at least 1.
+    #: The number of niches, at least 1.
     niches: int
 
     def place_of(self, archive: Archive, newcomer: Elite) -> int:

@@ -94,7 +94,7 @@ class EliteEntry(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkArchiveFile(Record):
-    """What archive.json holds."""
+    """The content of archive.json."""
 
     niches: int
     coverage: float
@@ -109,7 +109,7 @@ class TrialEntry(Record):
 
     niche: int
     centroid: tuple[float, ...]
-    #: Of the candidate, and of its instruction.
+    #: The id of the candidate, and of its instruction.
     id: str
     instruction: str
     prompt: int
@@ -120,7 +120,7 @@ class TrialEntry(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PromptFile(Record):
-    """What prompts.json holds."""
+    """The content of prompts.json."""
 
     niches: int
     coverage: float
