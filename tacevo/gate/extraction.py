@@ -1,4 +1,4 @@
-"""From a model's raw answer to one source text, without running it.
+"""The extraction of one source text from a model's raw answer, without running it.
 
 The rules, in order:
 
@@ -53,11 +53,11 @@ _UNANSWERED = {
 
 @dataclass(frozen=True, slots=True)
 class Extracted:
-    """What an answer holds."""
+    """The candidate that an answer holds."""
 
-    #: It parses and defines the class once: newlines normalised, dedented, ending with one newline.
+    #: The source text. It parses and defines the class once: newlines normalised, dedented, ending with one newline.
     source: str
-    #: What was changed in it, as a person would say it; the source begins with a comment for each.
+    #: The changes to the text, as a person would say them; the source begins with a comment for each.
     notes: tuple[str, ...] = ()
 
 
@@ -124,12 +124,12 @@ def _normalised(text: str) -> str:
 class _Answer:
     """An answer that is read."""
 
-    #: Without what stands around code and without thoughts.
+    #: The answer without what stands around code and without thoughts.
     text: str
     blocks: Sequence[CodeBlock]
     #: The networks that the model was given.
     given: Sequence[ParsedCode]
-    #: Of the class.
+    #: The name of the class.
     name: str
     parser: BlockParser
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from tacevo.gate.names import Names, names_of
 from tacevo.gate.policy.allowed import PROVIDED
 
-#: What Python takes words for that are not code: `python`, `Sure,`, `net.py`, `Two-stage`, `Version-2`; a label such as
-#: `[PYTHON]` or `{code:python}`; the first line of a here-document, `cat > net.py <<'END'`.
+#: The nodes that Python takes words for that are not code: `python`, `Sure,`, `net.py`, `Two-stage`, `Version-2`; a
+#: label such as `[PYTHON]` or `{code:python}`; the first line of a here-document, `cat > net.py <<'END'`.
 _WORDS = (
     *(ast.Name, ast.Attribute, ast.Constant, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare),
     *(ast.Tuple, ast.List, ast.Set, ast.Dict),

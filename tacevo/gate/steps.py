@@ -15,7 +15,7 @@ from tacevo.profile import MOST_OPERANDS, MOST_STEPS, Step
 
 #: Places of strides and groups in the functions of convolutions: after input, weight, bias; after padding and one more.
 _STRIDE, _GROUPS = 3, 6
-#: What torch's dropout functions take where a call names no probability.
+#: The probability that torch's dropout functions take where a call names no probability.
 _DROPOUT = 0.5
 #: Calls that take no values from their second tensor, only its shape or type.
 _LIKE = {"expand_as", "view_as", "reshape_as", "type_as"}
