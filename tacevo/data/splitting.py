@@ -1,4 +1,4 @@
-"""Which images are for training, for validation and for the test: by a seed, or in the order of a release.
+"""The images for training, for validation and for the test: by a seed, or in the order of a release.
 
 Promises: the three parts are disjoint and complete, and images that were recorded together are never in two.
 """
@@ -17,8 +17,8 @@ from tacevo.randomness import stream
 TENTHS = (0.1, 0.1)
 
 
-#: How often groups that a setting names are dealt out, for the split that is nearest to the wanted sizes. Groups that a
-#: source itself has are dealt out once: their splits are older than this, and stay.
+#: The number of times that groups are dealt out which a setting names, for the split that is nearest to the wanted
+#: sizes. Groups that a source itself has are dealt out once: their splits are older than this, and stay.
 TRIES = 100
 
 #: The fields of `tacevo.parts.source.Split`.
@@ -132,7 +132,7 @@ def _spread(order: npt.NDArray[np.int64], classes: npt.NDArray[np.int64] | None)
 
 
 def _nearest(sums: npt.NDArray[np.int64], target: int) -> int:
-    """How many groups to take so that their rows come nearest to a number; the fewer on a tie."""
+    """The number of groups to take so that their rows come nearest to a number; the fewer on a tie."""
     return int(np.argmin(np.abs(sums - target))) + 1
 
 

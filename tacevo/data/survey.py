@@ -1,4 +1,4 @@
-"""What a finished data set holds: what a person wants to know of it before a search.
+"""The survey of a finished data set: what a person wants to know of it before a search.
 
 Nothing of it reaches a training; the test split may be looked at. Of images that are nearly equal, frames whose light
 or position changes are not found, nor all of a large data set.

@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", flags=re.ASCII)
 class Row:
     """One row of a table, as it is written there."""
 
-    #: As an editor counts, the header being line 1.
+    #: The number of the line as an editor counts, the header being line 1.
     line: int
     name: str
     #: The image, links followed; `is_there` says whether it exists.
@@ -44,7 +44,7 @@ class Row:
 
     @property
     def place(self) -> str:
-        """What a message calls this row."""
+        """The name of this row in messages."""
         return f"line {self.line} {shortened(self.name)}"
 
     @property
@@ -56,9 +56,9 @@ class Row:
 class ReadTable(NamedTuple):
     """A table that was read and checked."""
 
-    #: In its order; of each the image exists and every label is finite.
+    #: The rows in the table's order; the image of each exists and every label is finite.
     rows: list[Row]
-    #: How many rows were left out, because their image is missing.
+    #: The number of rows that were left out, because their image is missing.
     skipped: int
     #: The lines that have separators and no value, as spreadsheets write them at the end.
     blank: list[int]
@@ -95,7 +95,7 @@ class TableSource(FileSource):
     skip_missing: bool = False
     #: The column whose value images of one press share; it goes before `group_pattern`.
     group_column: str | None = None
-    #: Which sensors and parts are taken, where columns name them.
+    #: The sensors and parts that are taken, where columns name them.
     sensors: Sensors = NONE_NAMED
 
     def describe(self) -> Json:
@@ -152,7 +152,7 @@ class TableSource(FileSource):
 
     @property
     def _naming(self) -> dict[str, str]:
-        """What names the group, the sensor and the part of an image: columns by the setting that names them."""
+        """The columns that name the group, the sensor and the part of an image, by their settings."""
         settings = {
             "group_column": self.group_column,
             "sensor_column": self.sensors.sensor_column,
