@@ -23,10 +23,10 @@ DECODER = json.JSONDecoder(parse_int=lambda digits: int(digits) if len(digits) <
 #: The last event of a chat-completions stream.
 _DONE = "[DONE]"
 
-#: What begins a line of an event stream that holds no data: the other fields, and comments.
+#: The beginning of a line of an event stream that holds no data: the other fields, and comments.
 _OTHER = re.compile("(event|id|retry)?:")
 
-#: What stands between two values.
+#: The blanks between two values.
 _BLANK = re.compile(r"\s*")
 
 #: The kinds of parts of a message that hold text.
@@ -80,7 +80,7 @@ def joined(values: Sequence[Json], is_done: bool) -> Json:
 
 @dataclass(slots=True, kw_only=True)
 class _Pieces:
-    """What the events of a stream have said so far, in either API."""
+    """The pieces of an answer that a stream's events have brought so far, in either API."""
 
     is_finished: bool
     is_chat: bool = True
