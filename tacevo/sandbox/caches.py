@@ -27,7 +27,8 @@ TORCH = "2.13.0"
 #: begin, the numbers of cores that share each, and the number of caches.
 _WORDS, _SIZES, _SHARING, _LEVELS = 36, 6, 16, 26
 
-#: Of ELF: a section's header, and a symbol. A section of the type 2 is a table of symbols; it links to their names.
+#: The records of ELF: a section's header, and a symbol. A section of the type 2 is a table of symbols; it links to
+#: their names.
 _SECTION = np.dtype(
     {
         "names": ["type", "offset", "size", "link"],

@@ -17,7 +17,7 @@ _ADD_RULE = 445
 _RESTRICT_SELF = 446
 _BENEATH = 1  # the kind of rule that names a directory, or a file
 _ASK_VERSION = 1
-#: How many kinds of file access each version of the interface knows; later ones know as many as the last.
+#: The number of kinds of file access that each version of the interface knows; later ones know as many as the last.
 _FILE_ACCESSES = {1: 13, 2: 14, 3: 15, 4: 15, 5: 16}
 #: The first version that knows: TCP bind and connect; abstract Unix sockets and signals of others.
 NETWORK_SINCE, SCOPES_SINCE = 4, 6
