@@ -28,7 +28,7 @@ class ClusterNode:
         self._lock = threading.Lock()
         self._zygote: Zygote | None = None
         self._opened: Sandbox | None = None
-        #: What confined the candidate that each thread waits for.
+        #: The measures that confined the candidate that each thread waits for.
         self._held = threading.local()
 
     def look(self) -> Facts:
