@@ -25,7 +25,7 @@ _TYPES = {
     ".xz": "application/x-xz",
 }
 
-#: What the members that a reader looks for first are.
+#: The descriptions of the members that a reader looks for first, by their names.
 _DESCRIPTIONS = {
     "manifest-sha256.txt": "SHA-256 of every other file",
     "run/ledger.jsonl": "Every decision of the search, one line each, chained by hashes",

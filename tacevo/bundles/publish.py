@@ -53,7 +53,8 @@ class Published:
     #: Files in it, and its size in bytes.
     files: int
     size: int
-    #: How many labels of test images are in it, because its studies keep them; each test set of a study counts once.
+    #: The number of labels of test images in the bundle, because its studies keep them; each test set of a study counts
+    #: once.
     test_labels: int
 
 

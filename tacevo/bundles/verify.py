@@ -32,7 +32,7 @@ class Rerun:
 
     run: RecordedRun
     replayed: Replayed
-    #: By name.
+    #: The run's finished studies, by name.
     studies: Mapping[str, FinishedStudy]
 
     @property
