@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 #: Fields of a ledger line that hold a training's numbers, in the order in which they are compared.
 _FIELDS = ("train_losses", "validation_losses", "predictions", "weights")
 
-#: Why a training may end on one machine and not on another.
+#: The reasons for which a training may end on one machine and not on another.
 BY_MACHINE = {Reason.out_of_time, Reason.out_of_memory}
 
 #: Packages whose version may change training bits.
