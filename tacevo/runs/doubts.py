@@ -1,4 +1,4 @@
-"""What is probably wrong with a data set, or with a task for it; a doubt is said, and does not stop a search."""
+"""The doubts about a data set, or about a task for it; a doubt is said, and does not stop a search."""
 
 from collections.abc import Sequence
 from pathlib import Path

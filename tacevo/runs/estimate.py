@@ -27,7 +27,7 @@ from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
 from tacevo.text import counted, table
 
-#: What a user reads while a pace is measured: it takes some 80 s of a processor for images of 256 px.
+#: The text that a user reads while a pace is measured: it takes some 80 s of a processor for images of 256 px.
 MEASURING = (
     "measuring how fast this machine trains: one or two minutes where it is idle, more under load; Ctrl-C leaves the "
     "hours out"
@@ -36,13 +36,13 @@ MEASURING = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """What a search would ask for, as far as it is known before the search."""
+    """The estimate of what a search would ask for, as far as it is known before the search."""
 
     #: Requests of the whole search, without repairs.
     requests: int
     #: Requests of generation 0 whose answers are recorded already; they cost nothing.
     recorded: int
-    #: How many completions of this model the store has; they give the likely length of an answer.
+    #: The number of completions of this model in the store; they give the likely length of an answer.
     samples: int
     #: Expected values, so not integers.
     input_tokens: float

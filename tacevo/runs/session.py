@@ -56,7 +56,7 @@ class Result:
 
     directory: Path
     digest: str
-    #: What was found, in short; summary.md in the directory has all of it.
+    #: The result in short; summary.md in the directory has all of it.
     summary: str
     #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
@@ -64,7 +64,8 @@ class Result:
     succeeded: bool
     #: Whether its evaluations are those of a table, which has few other seeds.
     looked_up: bool
-    #: How many answers were asked for and paid now, and how many came from the store (`tacevo.costs.Tally`).
+    #: The number of answers that were asked for and paid now, and of those that came from the store
+    #: (`tacevo.costs.Tally`).
     asked: str = ""
 
 
@@ -408,7 +409,7 @@ class _Recorder(Watcher):
         self._directory = directory
         self._ledger = ledger
         self._spent = directory.read_spending()
-        #: What the candidates of the present generation cost.
+        #: The costs of the present generation's candidates.
         self._generation: list[Spending] = []
         #: Whether another server than the provider's own is asked, or gave a recorded answer.
         self.elsewhere = elsewhere

@@ -1,4 +1,4 @@
-"""From a configuration to a running search: the place that builds objects and joins them (models: `providers`)."""
+"""The wiring of a search from its configuration: the place that builds objects and joins them (models: `providers`)."""
 
 import contextlib
 import threading
@@ -42,7 +42,7 @@ from tacevo.training.numerics import environment
 from tacevo.training.weights import Weighed, train_and_weigh
 from tacevo.typed import convert
 
-#: What a sandbox runs: entry names to functions.
+#: The functions that a sandbox runs, by entry name.
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 
 
@@ -189,7 +189,7 @@ class Workbench:
     config: RunConfig
     task: Task
     facts: DataFacts
-    #: Of the stores; the completions follow `llm.mode`, unless this is `replay`.
+    #: The mode of the stores; the completions follow `llm.mode`, unless this is `replay`.
     mode: Mode
     _: KW_ONLY
     #: None where nothing is trained, as in a replay.
@@ -200,11 +200,11 @@ class Workbench:
     notice: Notice | None = None
     #: Called with a line for the user.
     say: Callable[[str], None] | None = None
-    #: What runs jobs: that of the executor, unless something else is given.
+    #: The function that runs jobs: the executor's, unless another one is given.
     run: RunJob | None = None
-    #: Of `started_ahead`.
+    #: The value of `started_ahead`.
     started: Any = None
-    #: Of `build_llm`, in this mode; built where it is needed if there is none.
+    #: The LLM of `build_llm`, in this mode; built where it is needed if there is none.
     llm: LLM | None = None
     _stack: contextlib.ExitStack = field(init=False, default_factory=contextlib.ExitStack)
 
