@@ -13,7 +13,7 @@ from tacevo.parts.making import Given, made
 from tacevo.parts.registry import Part, find
 from tacevo.records import Json, to_json
 
-#: What stands for a setting that must be given, as Hydra writes it.
+#: The text that stands for a setting that must be given, as Hydra writes it.
 UNGIVEN = "???"
 
 #: Kinds whose settings name one part, which decides no results.
@@ -37,7 +37,7 @@ class OpenPart:
     """A part that decides nothing and that a user brought: it runs in this process."""
 
     name: str
-    #: Its own settings at their defaults; `UNGIVEN` where one must be given.
+    #: The part's own settings at their defaults; `UNGIVEN` where one must be given.
     settings: Mapping[str, Json]
 
 

@@ -1,4 +1,4 @@
-"""What decides the results of a run, and its hash."""
+"""The settings that decide the results of a run, and their hash."""
 
 from collections.abc import Iterable
 from dataclasses import replace

@@ -20,7 +20,7 @@ from tacevo.records import Json
 from tacevo.sandbox.part_process import PartProcess, Recorded
 from tacevo.text import listed, nearest
 
-#: What parts have said of themselves, by the question.
+#: The answers of parts about themselves, by the question.
 _ASKED: dict[str, Json] = {}
 
 #: The types of settings, in words.
@@ -48,7 +48,7 @@ class OwnPart:
 
     @property
     def name(self) -> str:
-        """What a run calls it."""
+        """The name by which a run records the part."""
         return self.recorded.name
 
 
