@@ -19,11 +19,11 @@ Notice = Callable[[Mapping[str, str]], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """What a run demands of each machine that runs candidates; it goes to all of them, and holds no key."""
+    """The demands of a run on each machine that runs candidates; it goes to all of them, and holds no key."""
 
-    #: What a sandbox runs: entry names to functions.
+    #: The functions that a sandbox runs, by entry name.
     entries: Mapping[str, str]
-    #: What it calls before it confines a candidate; None for nothing.
+    #: The function that it calls before it confines a candidate; None for nothing.
     equip: str | None
     #: The variables of a candidate's process that decide its results.
     environment: Mapping[str, str]

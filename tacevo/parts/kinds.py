@@ -16,7 +16,7 @@ class Kind:
 
     #: Also the group of its entry points: `tacevo.parents`.
     name: str
-    #: What a part of this kind does, for a list of them.
+    #: The work of a part of this kind, for a list of kinds.
     does: str
     #: The setting that chooses one; empty where all that are installed are used.
     setting: str

@@ -1,4 +1,4 @@
-"""Where parts are found: ours, those of installed packages, and files that a user names.
+"""The registry of parts: ours, those of installed packages, and files that a user names.
 
 Nothing is imported to list parts. One of ours is found first, so a package cannot take its name.
 """
@@ -31,14 +31,14 @@ class Part:
     """A part, found by its name."""
 
     kind: Kind
-    #: What a run records of it, and the name of its own settings: of a part in a file, that of the class.
+    #: The name that a run records of the part, and that of its own settings: of a part in a file, the class's name.
     name: str
     #: The module that it is in, by its dotted name; of a part in a file, that of the file without `.py`.
     module: str
     attribute: str
-    #: Who it comes from: `tacevo`, a distribution with its version, or a file.
+    #: The origin of the part: `tacevo`, a distribution with its version, or a file.
     origin: str
-    #: Of a part in a file.
+    #: The file of a part in a file; None of another one.
     file: Path | None = None
 
     @property

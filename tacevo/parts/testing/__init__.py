@@ -27,7 +27,7 @@ from tacevo.parts.testing.source import source_contracts
 
 __all__ = ["Contract", "check", "contracts", "kind_of"]
 
-#: What a part without a base class is known by.
+#: The methods by which a part without a base class is known.
 _METHODS: Mapping[Kind, tuple[str, ...]] = {
     SOURCES: ("describe", "catalogue"),
     PROVIDERS: ("complete",),

@@ -1,4 +1,4 @@
-"""What parts promise that decide the results of a run."""
+"""The promises of parts that decide the results of a run."""
 
 import copy
 import dataclasses
@@ -81,7 +81,7 @@ class _Tested:
         self._here: _Here | None = None
 
     def settings(self) -> None:
-        """Its fields are what a configuration can hold."""
+        """The part's fields are what a configuration can hold."""
         check_frozen(self._part)
         for field in dataclasses.fields(self._part):
             value = getattr(self._part, field.name)
@@ -93,19 +93,19 @@ class _Tested:
         self._answers()
 
     def keeps_nothing(self) -> None:
-        """In the other order the answers are the same."""
+        """The answers are the same in the other order."""
         here = self._answers()
         for method, given, answer in reversed(here.asked):
             again = here.again(method, given)
             require(again == answer, f"{json.dumps(answer)} of {method}, as the first time", json.dumps(again))
 
     def changes_nothing(self) -> None:
-        """What it was given is as it was."""
+        """The arguments that the part was given are as they were."""
         here = self._answers()
         require(not here.changed, "arguments that stay as they are", f"changes by {', '.join(sorted(here.changed))}")
 
     def imports(self) -> None:
-        """Its sources can be recorded."""
+        """The part's sources can be recorded."""
         read_sources(self._place())
 
     def confined(self) -> None:
