@@ -80,11 +80,11 @@ class Studied:
     digest: str
     #: Trainings of all networks and seeds.
     trainings: int
-    #: Those that were in the store before.
+    #: The number of trainings that were in the store before.
     recorded: int
-    #: Those that were made now and took two, because the network learns outside its weights.
+    #: The number of trainings that were made now and took two, because the network learns outside its weights.
     twice: int
-    #: Those that came to no end, as `variant 2, seed 3: out_of_time`.
+    #: The trainings that came to no end, as `variant 2, seed 3: out_of_time`.
     failed: tuple[str, ...]
 
 
@@ -96,7 +96,7 @@ class _Job:
     #: 0 to S - 1.
     index: int
     source: str
-    #: Of the training; equal for all networks, so that they are paired by seed.
+    #: The seed of the training; equal for all networks, so that they are paired by seed.
     seed: int
 
     @property
@@ -110,10 +110,10 @@ class StudyPlan:
     """All that a study follows from."""
 
     run: RecordedRun
-    #: Of the run, with the training of the study.
+    #: The configuration of the run, with the training of the study.
     config: RunConfig
     header: StudyHeader
-    #: In the order of the scores.
+    #: The trainings, in the order of the scores.
     jobs: tuple[_Job, ...]
 
 
