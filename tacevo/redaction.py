@@ -8,10 +8,10 @@ from tacevo.errors import ConfigError
 #: Addresses of these schemes are paths, which hold no password.
 _PATH_SCHEMES = frozenset({"sqlite", "file"})
 
-#: In the query of an address, a name with one of these is a password's.
+#: The parts by which a name in the query of an address is that of a password.
 _SECRET_NAMES = ("passw", "pwd", "secret", "token")
 
-#: What a variable of the environment is called that holds a secret.
+#: The pattern for the name of an environment variable that holds a secret.
 _SECRET_VARIABLE = re.compile(
     r"(^|_)((API)?KEYS?|(API)?TOKENS?|SECRETS?|CREDENTIALS?|PAT|PASS)(_|$)|_PWD$|PASSW|PASSPHRASE", re.IGNORECASE
 )
