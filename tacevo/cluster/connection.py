@@ -10,7 +10,7 @@ import socket
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from tacevo.cluster.facts import TOKEN, keys_here
+from tacevo.cluster.node_report import TOKEN, keys_here
 from tacevo.environment import install
 from tacevo.errors import ConfigError
 from tacevo.sandbox.protocol import describe

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from tacevo.cluster import node_images as files
-from tacevo.cluster.facts import Facts, facts_here
 from tacevo.cluster.node_images import Images
+from tacevo.cluster.node_report import Facts, facts_here
 from tacevo.environment import machine
 from tacevo.errors import SandboxError
 from tacevo.parts.executor import Order

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from tacevo.choices import Confinement
-from tacevo.cluster.facts import check_alike, facts_here
 from tacevo.cluster.node import ClusterNode
 from tacevo.cluster.node_images import CHUNK, Images
+from tacevo.cluster.node_report import check_alike, facts_here
 from tacevo.cluster.slot import name_of
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.parts.executor import Order

@@ -20,7 +20,7 @@ from tacevo.choices import (
     SplitRule,
     SystemTurn,
 )
-from tacevo.config.deciding import check_code, constant
+from tacevo.config.recorded_parts import check_code, constant
 from tacevo.config.schema import (
     DataConfig,
     LLMConfig,

@@ -5,7 +5,7 @@ from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from tacevo.config.deciding import chosen, not_ours
+from tacevo.config.recorded_parts import chosen, not_ours
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
 from tacevo.parts.kinds import KINDS, Kind

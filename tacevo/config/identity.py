@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import combinations
 
 from tacevo.choices import OPTIONAL_SAMPLING
-from tacevo.config.deciding import parts_identity
+from tacevo.config.recorded_parts import parts_identity
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash

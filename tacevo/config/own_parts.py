@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tacevo.config.chosen import UNGIVEN, OpenPart
-from tacevo.config.deciding import DECIDING, code_hash, not_ours
+from tacevo.config.recorded_parts import DECIDING, code_hash, not_ours
 from tacevo.config.removed import removed
 from tacevo.errors import ConfigError, PartError
 from tacevo.parts.kinds import KINDS, Kind

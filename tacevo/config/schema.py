@@ -402,7 +402,7 @@ class PartCode(Record):
     #: The place of its class: the dotted name of its module, and its own.
     module: Annotated[str, is_a("a module's name", re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*").fullmatch)]
     attribute: Identifier
-    #: The digest of its sources (`tacevo.config.deciding.code_hash`).
+    #: The digest of its sources (`tacevo.config.recorded_parts.code_hash`).
     sha256: Annotated[str, is_a("64 hex digits", re.compile(r"[0-9a-f]{64}").fullmatch)]
     #: The constants of its class that others look at.
     constants: Mapping[str, bool] = field(default_factory=dict)

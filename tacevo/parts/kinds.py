@@ -66,7 +66,7 @@ SOURCES = Kind(
         "folder": "tacevo.data.sources.folder:from_settings",
         "tacverse": "tacevo.data.sources.tacverse:from_settings",
         "numpy": "tacevo.data.sources.arrays:from_settings",
-        "table": "tacevo.runs.looked_up:LookedUp",
+        "table": "tacevo.runs.table_answers:LookedUp",
     },
 )
 

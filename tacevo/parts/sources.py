@@ -12,8 +12,8 @@ from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 
 from tacevo.errors import ConfigError
-from tacevo.parts.deciding import ALLOWED, is_allowed
 from tacevo.parts.kinds import MOST_BYTES, MOST_FILES
+from tacevo.parts.protocols import ALLOWED, is_allowed
 from tacevo.parts.registry import Part
 
 #: Names that no module of a part may have: another one would be imported in its place.

@@ -12,7 +12,7 @@ from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Mode, Rejection
 from tacevo.results.run import RecordedRun
 from tacevo.rules import CORES, check_known
-from tacevo.runs.deciding import Decisions, Parts
+from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.wiring import Workbench, build_plan

@@ -17,7 +17,7 @@ from tacevo.evolution.proposals import plan_initial
 from tacevo.llm.prices import likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Mode, Request, Task, to_json
 from tacevo.runs.datasets import source_of
-from tacevo.runs.deciding import Decisions, Parts
+from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.pace import Measure, Pace, Saving, growth, measure, part_saved, training_images, trainings
 from tacevo.runs.progress import LONG, told_saving
 from tacevo.runs.providers import prices_of
@@ -94,7 +94,7 @@ def _first_requests(config: RunConfig, task: Task, parts: Parts) -> list[Request
 def _facts(config: RunConfig) -> DataFacts:
     """Describe the data set as the requests name it; that the classes of a simulation have names needs no image."""
     if config.data.facts.is_looked_up:
-        from tacevo.runs.looked_up import table_of
+        from tacevo.runs.table_answers import table_of
 
         return table_of(config).header.data
     source, facts = source_of(config), facts_without_data(config)

@@ -30,14 +30,14 @@ from tacevo.results.run import RecordedRun
 from tacevo.results.summary import evaluated, in_short, summarise
 from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
+from tacevo.runs.answer_counts import UsableAnswers
+from tacevo.runs.data_warnings import warnings_of
 from tacevo.runs.datasets import load_data, trivial_of
-from tacevo.runs.deciding import Decisions, Parts
-from tacevo.runs.doubts import doubts_of
+from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.local import trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
-from tacevo.runs.usable import UsableAnswers
 from tacevo.runs.wiring import Workbench, build_plan, check_means, skipping_of, started_ahead, stores_of
 from tacevo.sandbox.client import RunJob
 from tacevo.storage.canonical import content_hash
@@ -80,8 +80,8 @@ def search(config: RunConfig, view: Progress) -> Result:
     with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)
-        for doubt in doubts_of(config, task, data):
-            view.say(f"warning: {doubt}")
+        for warning in warnings_of(config, task, data):
+            view.say(f"warning: {warning}")
         return record(config, task, data, view, started=started, llm=llm)
 
 

@@ -27,7 +27,7 @@ from tacevo.profile import Admitted
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, EAGER, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import answering, examples_of, held_out_of
-from tacevo.runs.deciding import Parts
+from tacevo.runs.decisions import Parts
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.runs.seeds import training_seed
 from tacevo.sandbox.client import Died, Finished, RunJob, Score

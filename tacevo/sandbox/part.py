@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-import tacevo.parts.deciding as protocols
-from tacevo.parts.deciding import ALLOWED, is_allowed
+from tacevo.parts import protocols
+from tacevo.parts.protocols import ALLOWED, is_allowed
 from tacevo.profile import Graph, Node, Profile, Step
 from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Send

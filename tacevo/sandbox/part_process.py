@@ -38,7 +38,8 @@ class Recorded:
     name: str
     module: str
     attribute: str
-    #: Texts by file (`tacevo.parts.sources.read_sources`), and what names them (`tacevo.config.deciding.code_hash`).
+    #: The texts by file (`tacevo.parts.sources.read_sources`), and their hash
+    #: (`tacevo.config.recorded_parts.code_hash`).
     sources: Mapping[str, str]
     sha256: str = ""
     settings: Mapping[str, Json] = field(default_factory=dict)

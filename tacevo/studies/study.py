@@ -208,7 +208,7 @@ def carry_out(
     source = None if is_looked_up else source_of(run)
     check_means(run)
     if is_looked_up:
-        from tacevo.runs.looked_up import check_fresh
+        from tacevo.runs.table_answers import check_fresh
 
         check_fresh(run, plan.header.seeds)
     catalogue = None if source is None else source.catalogue()

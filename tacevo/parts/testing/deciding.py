@@ -16,7 +16,7 @@ from tacevo.parts.sources import read_sources
 from tacevo.parts.testing.contract import BrokenError, Contract, check_frozen, require
 from tacevo.parts.testing.samples import ask
 from tacevo.records import Json
-from tacevo.runs.deciding import brought_part
+from tacevo.runs.decisions import brought_part
 from tacevo.sandbox.part import METHODS
 from tacevo.sandbox.part_process import PartProcess, Recorded
 
@@ -42,7 +42,7 @@ def deciding_contracts(part: Any, kind: Kind) -> list[Contract]:
 
 
 class _Here:
-    """Lets a part decide in this process, and remembers what it was asked (`tacevo.runs.deciding.Asked`)."""
+    """Lets a part decide in this process, and remembers what it was asked (`tacevo.runs.decisions.Asked`)."""
 
     def __init__(self, part: Any) -> None:
         self._part = part

@@ -11,7 +11,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
-from tacevo.config.deciding import brought, code_hash, decision
+from tacevo.config.recorded_parts import brought, code_hash, decision
 from tacevo.config.schema import RunConfig
 from tacevo.errors import DivergenceError, PartError, RunError
 from tacevo.parts import (
