@@ -218,12 +218,12 @@ class SpaceTable:
 
     def _scored(self) -> Iterator[dict[str, Any]]:
         for row in self._rows.trainings:
-            verdict, place = row.verdict, {"network": row.network, "seed": row.seed}
+            verdict, columns = row.verdict, {"network": row.network, "seed": row.seed}
             if isinstance(verdict, Rejection):
-                yield {**place, "failed": verdict.reason.value}
+                yield {**columns, "failed": verdict.reason.value}
             else:
                 yield {
-                    **place,
+                    **columns,
                     "epoch": verdict.epoch,
                     "validation_loss": verdict.validation_loss,
                     **verdict.metrics,

@@ -74,6 +74,6 @@ def _add_action(crate: ROCrate, subject: Subject) -> None:
     software = crate.add(SoftwareApplication(crate, "#tacevo", properties=about))
     action = crate.add(ContextEntity(crate, "#search", properties={"@type": "CreateAction", "name": named}))
     action["instrument"] = software
-    ledgers = [crate.get(f"{place}/ledger.jsonl") for place in [f"sweep/{job.name}" for job in jobs] or ["run"]]
+    ledgers = [crate.get(f"{folder}/ledger.jsonl") for folder in [f"sweep/{job.name}" for job in jobs] or ["run"]]
     action["result"] = ledgers if jobs else ledgers[0]
     crate.root_dataset["mentions"] = action

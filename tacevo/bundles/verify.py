@@ -201,11 +201,11 @@ def compare_tables(there: Mapping[str, bytes], made: Mapping[str, bytes]) -> Non
             raise DivergenceError(different, place=f"table {name}")
 
 
-def files_below(folder: Path, place: str = "") -> dict[str, bytes]:
+def files_below(folder: Path, prefix: str = "") -> dict[str, bytes]:
     """Return the contents of the files below a directory of a bundle, by their place in it."""
     files: dict[str, bytes] = {}
     for path in folder.iterdir():
-        inner = f"{place}{path.name}"
+        inner = f"{prefix}{path.name}"
         files |= files_below(path, f"{inner}/") if path.is_dir() else {inner: path.read_bytes()}
     return files
 

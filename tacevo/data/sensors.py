@@ -232,8 +232,8 @@ def _dealt_parts(asked: Sensors, named: Named, sensors: npt.NDArray[np.object_])
     """Deal all images out at random, each class of each sensor evenly."""
     classes = np.zeros(len(sensors), np.int64) if named.classes is None else named.classes
     kinds = sorted(set(zip(sensors.tolist(), classes.tolist(), strict=True)))
-    number = {kind: place for place, kind in enumerate(kinds)}
-    strata = np.array([number[kind] for kind in zip(sensors.tolist(), classes.tolist(), strict=True)], np.int64)
+    numbers = {kind: number for number, kind in enumerate(kinds)}
+    strata = np.array([numbers[kind] for kind in zip(sensors.tolist(), classes.tolist(), strict=True)], np.int64)
     split = dealt(
         len(sensors),
         asked.seed,

@@ -29,7 +29,7 @@ V = TypeVar("V")
 Point = tuple[float, ...]
 
 
-class Growing(Mapping[K, V]):
+class PersistentMap(Mapping[K, V]):
     """A mapping without a way to change it, whose keys are in the order in which they first came.
 
     Mappings that grew from one another share one log of writes, to which only the longest of them appends; each knows
@@ -37,26 +37,26 @@ class Growing(Mapping[K, V]):
     first. The log keeps values that were replaced.
     """
 
-    __slots__ = ("_keys", "_log", "_places", "_writes")
+    __slots__ = ("_indices", "_keys", "_log", "_writes")
 
     def __init__(self) -> None:
         self._log: list[V] = []
         #: The indices in the log of the values of a key, in order.
-        self._places: dict[K, list[int]] = {}
+        self._indices: dict[K, list[int]] = {}
         #: The number of writes, and of keys, that are this mapping's own.
         self._writes = self._keys = 0
 
-    def adding(self, key: K, value: V) -> "Growing[K, V]":
+    def adding(self, key: K, value: V) -> "PersistentMap[K, V]":
         """Return the mapping with a value under a key, new or instead of its former value; this one stays as it is."""
-        grown: Growing[K, V] = Growing()
+        grown: PersistentMap[K, V] = PersistentMap()
         if self._writes == len(self._log):
-            grown._log, grown._places = self._log, self._places
+            grown._log, grown._indices = self._log, self._indices
         else:
-            grown._log, grown._places = list(self.values()), {name: [index] for index, name in enumerate(self)}
-        places = grown._places.setdefault(key, [])
-        places.append(len(grown._log))
+            grown._log, grown._indices = list(self.values()), {name: [index] for index, name in enumerate(self)}
+        indices = grown._indices.setdefault(key, [])
+        indices.append(len(grown._log))
         grown._log.append(value)
-        grown._writes, grown._keys = len(grown._log), self._keys + (len(places) == 1)
+        grown._writes, grown._keys = len(grown._log), self._keys + (len(indices) == 1)
         return grown
 
     def __getitem__(self, key: K) -> V:
@@ -66,16 +66,16 @@ class Growing(Mapping[K, V]):
             KeyError: the key is not in it.
         """
         if self._writes == len(self._log):  # nothing has grown from it, as is usual
-            return self._log[self._places[key][-1]]
-        places = self._places.get(key, [])
-        own = bisect_left(places, self._writes)
+            return self._log[self._indices[key][-1]]
+        indices = self._indices.get(key, [])
+        own = bisect_left(indices, self._writes)
         if own == 0:
             raise KeyError(key)
-        return self._log[places[own - 1]]
+        return self._log[indices[own - 1]]
 
     def __iter__(self) -> Iterator[K]:
         """Iterate over the keys in the order in which they first came."""
-        return iter(list(islice(self._places, self._keys)))
+        return iter(list(islice(self._indices, self._keys)))
 
     def __len__(self) -> int:
         """Return the number of keys."""
@@ -107,7 +107,7 @@ class Elite:
 class Archive:
     """The elites, by niche."""
 
-    elites: Growing[int, Elite] = field(default_factory=Growing)
+    elites: PersistentMap[int, Elite] = field(default_factory=PersistentMap)
 
 
 class Tessellation:
@@ -205,19 +205,19 @@ class TopK:
     #: The number of niches, at least 1.
     niches: int
 
-    def place_of(self, archive: Archive, newcomer: Elite) -> int:
+    def index_of(self, archive: Archive, newcomer: Elite) -> int:
         """Find the place that a newcomer competes for; `insert` then decides as in a niche.
 
         One exactly as fit as a network that is kept competes with that one, and loses the tie: a network that comes
         twice, which has the same fitness twice, holds one place only. Any other takes the first empty place; where
         there is none, it competes with the least fit.
         """
-        for place, elite in archive.elites.items():
+        for index, elite in archive.elites.items():
             if elite.objective == newcomer.objective:
-                return place
+                return index
         if len(archive.elites) < self.niches:
             return len(archive.elites)
-        return min(archive.elites, key=lambda place: archive.elites[place].objective)
+        return min(archive.elites, key=lambda index: archive.elites[index].objective)
 
 
 def coverage(archive: Archive, niches: int) -> float:
@@ -276,7 +276,7 @@ class NetworkArchive:
     #: Bounds given by the config never move.
     fixed: bool = False
     #: Every candidate offered so far by its name, in order.
-    history: Growing[str, Individual] = field(default_factory=Growing)
+    history: PersistentMap[str, Individual] = field(default_factory=PersistentMap)
 
     @property
     def digest(self) -> str:
@@ -291,9 +291,9 @@ class NetworkArchive:
         """
         if isinstance(niches, Tessellation):
             return self._offer_to_niche(niches, newcomer)
-        place = niches.place_of(self.archive, newcomer.elite)
-        archive, status = insert(self.archive, place, newcomer.elite)
-        return replace(self, archive=archive, history=self._with(newcomer)), place, status
+        index = niches.index_of(self.archive, newcomer.elite)
+        archive, status = insert(self.archive, index, newcomer.elite)
+        return replace(self, archive=archive, history=self._with(newcomer)), index, status
 
     def _offer_to_niche(self, niches: Tessellation, newcomer: Individual) -> tuple["NetworkArchive", int, AddStatus]:
         bounds = self.bounds or AxisBounds(low=newcomer.point, high=newcomer.point)
@@ -306,7 +306,7 @@ class NetworkArchive:
         archive, status = insert(archive, niche, newcomer.elite)
         return replace(self, archive=archive, bounds=bounds, history=self._with(newcomer)), niche, status
 
-    def _with(self, newcomer: Individual) -> Growing[str, Individual]:
+    def _with(self, newcomer: Individual) -> PersistentMap[str, Individual]:
         return self.history.adding(newcomer.elite.name, newcomer)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tacevo.evolution.archive import AddStatus, Archive, Elite, Growing, Point, Tessellation, insert
+from tacevo.evolution.archive import AddStatus, Archive, Elite, PersistentMap, Point, Tessellation, insert
 from tacevo.parts import PromptHistory, Trial
 from tacevo.records import ChatMessage, Contract, Reason, Rejection, Request, to_json
 from tacevo.storage.canonical import content_hash
@@ -40,9 +40,9 @@ class PromptArchive:
 
     archive: Archive = field(default_factory=Archive)
     #: The trials that the archive's elites name, by niche.
-    trials: Growing[int, Trial] = field(default_factory=Growing)
+    trials: PersistentMap[int, Trial] = field(default_factory=PersistentMap)
     #: The number of children by instruction, and the sum of the changes of the loss's logarithm.
-    changes: Growing[int, tuple[int, float]] = field(default_factory=Growing)
+    changes: PersistentMap[int, tuple[int, float]] = field(default_factory=PersistentMap)
 
     @property
     def history(self) -> PromptHistory:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
+from tacevo.evolution.archive import NetworkArchive, PersistentMap, Tessellation, TopK
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.fitness import Last
 from tacevo.evolution.lines import SearchLine, training_flops
@@ -80,7 +80,7 @@ class SearchState:
     networks: NetworkArchive
     prompts: PromptArchive = field(default_factory=PromptArchive)
     #: Every evaluated candidate, by id.
-    candidates: Growing[str, Candidate] = field(default_factory=Growing)
+    candidates: PersistentMap[str, Candidate] = field(default_factory=PersistentMap)
     #: f*: the best fitness of the network archive.
     best: float = math.inf
 

@@ -104,10 +104,10 @@ def fit(networks: Sequence[tuple[Mapping[str, float], float]]) -> Surrogate:
 
 def quantile(values: Sequence[float], part: float) -> float:
     """Return the value that a part of the values, in [0, 1], lies below, interpolated linearly; equal to equal ones."""
-    ordered, place = sorted(values), part * (len(values) - 1)
-    below = int(place)
+    ordered, position = sorted(values), part * (len(values) - 1)
+    below = int(position)
     low, high = ordered[below], ordered[min(below + 1, len(ordered) - 1)]
-    return low + (high - low) * (place - below)
+    return low + (high - low) * (position - below)
 
 
 def _mean(values: Sequence[float]) -> float:

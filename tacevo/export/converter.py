@@ -190,7 +190,7 @@ def _adaptive_max_pool2d(images: torch.Tensor, size: list[int]) -> tuple[torch.T
     """Pool as torch does, whose export to ONNX has no such operator; places of the largest are not told."""
     for axis, count in zip((-2, -1), size, strict=True):
         length = images.shape[axis]
-        ends = [(place * length // count, -((place + 1) * -length // count)) for place in range(count)]
+        ends = [(cell * length // count, -((cell + 1) * -length // count)) for cell in range(count)]
         images = torch.stack([images.narrow(axis, begin, end - begin).amax(axis) for begin, end in ends], axis)
     return images, torch.zeros_like(images, dtype=torch.int64)
 

@@ -155,10 +155,10 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
     if at < len(message) and message[at] < 128:  # most are of one byte
         return message[at], at + 1
     value = 0
-    for place, byte in enumerate(message[at : at + 10]):
-        value |= (byte & 127) << 7 * place
+    for index, byte in enumerate(message[at : at + 10]):
+        value |= (byte & 127) << 7 * index
         if byte < 128:
-            return value, at + place + 1
+            return value, at + index + 1
     raise ValueError("expected an ONNX model; got a number that does not end")
 
 

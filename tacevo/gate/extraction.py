@@ -280,7 +280,7 @@ def _source(chosen: CodeBlock, answer: _Answer) -> _Source | Problem:
     others = [(block, block.parsed) for block in answer.blocks if block is not chosen]
     parsed = [(block, ParsedCode(block.text, tree)) for block, tree in others if isinstance(tree, ast.Module)]
     codes = [code for _, code in parsed]
-    parts, places = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, answer.name)
+    parts, indices = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, answer.name)
     text = "\n\n".join(parts)
     tree = chosen.parsed if text == chosen.text else answer.parser.parse(text)
     if isinstance(tree, Problem):
@@ -289,7 +289,7 @@ def _source(chosen: CodeBlock, answer: _Answer) -> _Source | Problem:
     if len(lines) > 1:
         detail = f"expected one definition of {answer.name}; got {len(lines)}, on lines {', '.join(map(str, lines))}"
         return Problem(Reason.ambiguous, detail)
-    notes = [note for block in (*(parsed[place][0] for place in places), chosen) for note in block.notes]
+    notes = [note for block in (*(parsed[index][0] for index in indices), chosen) for note in block.notes]
     spelt, changes = without_stars(ParsedCode(text, tree))
     tree = answer.parser.parse(spelt) if changes else tree
     if isinstance(tree, Problem):

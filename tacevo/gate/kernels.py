@@ -153,9 +153,9 @@ def _distances(first: Tensor, second: Tensor, *_: Any, **__: Any) -> int:
 def _trilinear(first: Tensor, weight: Tensor, second: Tensor, *unsqueezed: Any, **_: Any) -> int:
     """Count what nn.Bilinear calls: one product and one sum for each pair of features, output and row."""
     expanded = [first, weight, second]
-    for place, dimensions in enumerate(unsqueezed[:3]):
+    for index, dimensions in enumerate(unsqueezed[:3]):
         for dimension in dimensions:
-            expanded[place] = expanded[place].unsqueeze(dimension)
+            expanded[index] = expanded[index].unsqueeze(dimension)
     full: torch.Size = torch.broadcast_tensors(*expanded)[0].shape  # type: ignore[no-untyped-call]
     return 2 * full.numel()
 

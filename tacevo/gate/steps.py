@@ -72,8 +72,8 @@ def of_layer(op: str, layer: nn.Module) -> Settings:
 def of_call(op: str, args: tuple[Any, ...], kwargs: Mapping[str, Any], inputs: list[Tensor]) -> Settings:
     """Read the settings of a function."""
 
-    def named(name: str, place: int, default: float) -> Any:
-        return kwargs.get(name, args[place] if len(args) > place else default)
+    def named(name: str, index: int, default: float) -> Any:
+        return kwargs.get(name, args[index] if len(args) > index else default)
 
     return _settings(op, inputs, named("stride", _STRIDE, 1), named("groups", _GROUPS, 1), named("p", 1, _DROPOUT))
 

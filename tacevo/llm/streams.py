@@ -46,19 +46,19 @@ def read_values(text: str) -> tuple[list[Json], bool]:
     lines = (line for line in re.split("\\r\\n|\\n|\\r", text.lstrip("\ufeff")) if not _OTHER.match(line))
     left = "\n".join(line.removeprefix("data:") for line in lines).strip()
     values: list[Json] = []
-    place = 0
-    while place < len(left) and not left.startswith(_DONE, place):
+    position = 0
+    while position < len(left) and not left.startswith(_DONE, position):
         try:
-            value, end = DECODER.raw_decode(left, place)
+            value, end = DECODER.raw_decode(left, position)
         except ValueError:
             if not values:
                 raise
             break
         values.append(value)
-        place = _BLANK.match(left, end).end()  # type: ignore[union-attr]
+        position = _BLANK.match(left, end).end()  # type: ignore[union-attr]
     if not values:
         raise ValueError("it is empty")
-    return values, left.startswith(_DONE, place)
+    return values, left.startswith(_DONE, position)
 
 
 def joined(values: Sequence[Json], is_done: bool) -> Json:

@@ -163,14 +163,14 @@ def import_file(file: Path) -> ModuleType:
     """Import a file as a module of a name that no other file has; what lies beside it can be imported by it, too."""
     from importlib.util import module_from_spec, spec_from_file_location
 
-    place = file.resolve()
-    name = f"tacevo_part_{file.stem}_{hashlib.sha256(str(place).encode()).hexdigest()[:8]}"
-    spec = spec_from_file_location(name, place)
+    path = file.resolve()
+    name = f"tacevo_part_{file.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    spec = spec_from_file_location(name, path)
     assert spec is not None  # the file ends with .py
     assert spec.loader is not None
     module = module_from_spec(spec)
-    if str(place.parent) not in sys.path:
-        sys.path.append(str(place.parent))  # behind all that is installed
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))  # behind all that is installed
     sys.modules[name] = module  # where a dataclass looks the types of its fields up
     try:
         spec.loader.exec_module(module)

@@ -170,8 +170,8 @@ def describe(lines: Sequence[CandidateLine], of: int, choice: str, did: str = "t
 
 def sampled(keys: Sequence[T], count: int, seed: int) -> list[T]:
     """Draw keys without repetition, in their order."""
-    places = stream(seed, "retrain").choice(len(keys), count, replace=False)
-    return [keys[place] for place in sorted(places.tolist())]
+    indices = stream(seed, "retrain").choice(len(keys), count, replace=False)
+    return [keys[index] for index in sorted(indices.tolist())]
 
 
 def difference(line: CandidateLine, result: Training | Rejection) -> str | None:

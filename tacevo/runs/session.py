@@ -156,7 +156,7 @@ def _record(
         if warning := name_warning(config.llm):
             view.say(f"warning: {warning}")
         with mirrored(config, directory, view):
-            usable, walls = UsableAnswers(config.search.stop_after_unusable), Walls(directory)
+            usable, confinement = UsableAnswers(config.search.stop_after_unusable), ConfinementLog(directory)
             observer = _Recorder(
                 directory,
                 ledger,
@@ -175,7 +175,7 @@ def _record(
                 facts,
                 Mode.record,
                 data=data,
-                notice=walls.note,
+                notice=confinement.note,
                 say=view.say,
                 run=run,
                 started=started,
@@ -365,7 +365,7 @@ def _wait_for(mirrors: Sequence[Mirror], view: Progress, *, finished: bool) -> N
             view.say(warning)
 
 
-class Walls:
+class ConfinementLog:
     """Keeps in run.json what confined the candidates of a run, each way once, in the order in which they came.
 
     A run may be continued where less is in force; a candidate that is recalled from the stores adds nothing.

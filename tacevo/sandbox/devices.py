@@ -51,4 +51,4 @@ def readable() -> list[str]:
     """
     packages = [path for path in sys.path if os.path.isdir(os.path.join(path, "torch"))]
     own = map(os.path.abspath, (sys.prefix, sys.base_prefix, *packages))
-    return [place for place in dict.fromkeys((*_READABLE, *own)) if os.path.isdir(place)]
+    return [path for path in dict.fromkeys((*_READABLE, *own)) if os.path.isdir(path)]

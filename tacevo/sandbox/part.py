@@ -75,11 +75,11 @@ class _Recorded(MetaPathFinder, Loader):
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
         """Find a module among the texts."""
-        place = name.replace(".", "/")
-        for file in (f"{place}/__init__.py", f"{place}.py"):
+        folder = name.replace(".", "/")
+        for file in (f"{folder}/__init__.py", f"{folder}.py"):
             if file in self._sources:
                 return ModuleSpec(name, self, origin=file, is_package=file.endswith("/__init__.py"))
-        if any(file.startswith(f"{place}/") for file in self._sources):
+        if any(file.startswith(f"{folder}/") for file in self._sources):
             return ModuleSpec(name, None, is_package=True)  # a namespace, which has no file of its own
         return None
 

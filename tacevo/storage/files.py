@@ -112,13 +112,13 @@ def in_use(folder: Path, *, alone: bool = False) -> Iterator[None]:
         os.close(handle)
 
 
-def is_in_use(place: Path, *, shared: bool = False) -> bool:
+def is_in_use(path: Path, *, shared: bool = False) -> bool:
     """Return whether a process holds a file or directory at this moment; false where there are no locks.
 
     `shared` is whether others that share it, such as those that ask this, do not count.
     """
     try:
-        handle = os.open(place, os.O_RDONLY)
+        handle = os.open(path, os.O_RDONLY)
     except OSError:
         return False
     try:

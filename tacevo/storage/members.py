@@ -33,13 +33,13 @@ class Member(PosixPath):
     _above: Self | None = None
     _name, _between = "", "/"
 
-    def __new__(cls, place: str, *_: Any, **__: Any) -> Self:
+    def __new__(cls, path: str, *_: Any, **__: Any) -> Self:
         """Make the path of a place."""
-        return super().__new__(cls, place)
+        return super().__new__(cls, path)
 
     def __init__(
         self,
-        place: str,
+        path: str,
         content: bytes | Tree | None = None,
         *,
         parent: Self | None = None,
@@ -47,7 +47,7 @@ class Member(PosixPath):
         between: str = "/",
     ) -> None:
         if sys.version_info >= (3, 12):
-            super().__init__(place)
+            super().__init__(path)
         self._content, self._above, self._name, self._between = content, parent, name, between
 
     def __fspath__(self) -> NoReturn:

@@ -58,9 +58,9 @@ def _windows(
     count: int, size: int, device: torch.device
 ) -> tuple[torch.Tensor, tuple[tuple[torch.Tensor, torch.Tensor], ...]]:
     """Return the lengths of an axis's windows; and for each place its first window, its second, ..., if it has it."""
-    number, place = np.arange(count), np.arange(size)
+    number, position = np.arange(count), np.arange(size)
     lengths = -(-(number + 1) * size // count) - number * size // count
-    first, last = place * count // size, -(-(place + 1) * count // size) - 1
+    first, last = position * count // size, -(-(position + 1) * count // size) - 1
     each = [first + step for step in range(int((last - first).max()) + 1)]
 
     def there(values: NDArray[Any]) -> torch.Tensor:

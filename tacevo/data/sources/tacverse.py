@@ -378,8 +378,8 @@ def _shapes(directory: Path, sensor: str) -> _Listing:
         unnumbered += [f"{name}/{path.name}" for path, digits in numbers.items() if not digits]
         ordered = sorted((int(digits[-1]), path) for path, digits in numbers.items() if digits)
         for number, (_, path) in enumerate(ordered):  # numbers may repeat: each image is one of its own
-            place = f"{name}/{path.name}"
-            images.append(_Image(sensor, "", name, number, 0, path, place, (), f"{sensor}/{place}"))
+            relative = f"{name}/{path.name}"
+            images.append(_Image(sensor, "", name, number, 0, path, relative, (), f"{sensor}/{relative}"))
     expected = "the directory that has one directory of images per shape"
     if not images:
         raise DataError(str(directory), place="data.sensor", expected=expected, remedy=content(directory))

@@ -111,9 +111,9 @@ class _Tested:
     def confined(self) -> None:
         """The answers of fresh, confined processes are those of this one; sums may differ in their last bits."""
         here = self._answers()
-        place = self._place()
+        part = self._place()
         recorded = dataclasses.replace(
-            self._recorded(), module=place.module, sources=read_sources(place), settings=dataclasses.asdict(self._part)
+            self._recorded(), module=part.module, sources=read_sources(part), settings=dataclasses.asdict(self._part)
         )
         with PartProcess() as process:
             process.ask(recorded, "describe", {"constants": list(self._kind.constants)})
