@@ -20,7 +20,7 @@ class SimulatedSensor(StrEnum):
     ViTacTip = "ViTacTip"
     #: The object alone, without markers.
     ViTac = "ViTac"
-    #: Behind an opaque skin.
+    #: The markers alone, behind an opaque skin.
     TacTip = "TacTip"
 
 
@@ -135,7 +135,7 @@ class Layout(StrEnum):
 
     #: Channel after channel, as torch has them by default.
     contiguous = "contiguous"
-    #: All channels of a pixel beside each other.
+    #: The layout with all channels of a pixel beside each other.
     channels_last = "channels_last"
 
 

@@ -214,7 +214,7 @@ class Completion(Record):
     #: Sampling settings of the request that the model refuses, and that were therefore not sent.
     dropped: tuple[str, ...] = ()
     delivery: Delivery = Delivery.direct
-    #: None where the price table does not know the model.
+    #: The price of the answer's tokens; None where the price table does not know the model.
     price: Price | None = None
     #: The number of input tokens that the provider read from its cache, and of those that it wrote there; None where it
     #: said something else than a number.
@@ -348,7 +348,7 @@ class Gpu(Record):
     #: The model as CUDA names it, e.g. `NVIDIA H200`.
     model: str
     precision: Precision
-    #: Most memory of the GPU that a training may have, with its images, in MiB.
+    #: The most memory of the GPU that a training may have, with its images, in MiB.
     memory_mib: int
     layout: Layout = Layout.contiguous
     #: Whether a step is recorded once and replayed, where the network allows it; never before number 5 of the rules.
@@ -371,7 +371,7 @@ class Recipe(Record):
     #: The only optimiser so far.
     optimiser: Literal["adam"]
     limits: Limits
-    #: None on a CPU.
+    #: The GPU of the training; None on a CPU.
     gpu: Gpu | None = None
 
     @classmethod

@@ -163,7 +163,7 @@ TABLE_TRAININGS: Columns = {
     "validation_loss": "float64",
 }
 
-#: Before a column for each metric.
+#: The columns of a table's trainings, before a column for each metric.
 TABLE_SCORES: Columns = {
     "network": "Int64",
     "seed": "Int64",

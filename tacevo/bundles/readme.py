@@ -68,7 +68,7 @@ class Terms:
 class Subject:
     """The run or sweep that is published."""
 
-    #: One run, or a sweep's runs in the order of its jobs.
+    #: The run, or a sweep's runs in the order of its jobs.
     runs: tuple[RecordedRun, ...]
     #: Digest of each study, by name, for each run.
     studies: tuple[Mapping[str, str], ...]

@@ -45,7 +45,7 @@ class Rerun:
 class Verified:
     """A run or a sweep that was run again, and found to be as recorded; of a bundle, with all that is beside it."""
 
-    #: One, or those of a sweep's jobs in their order.
+    #: The run that was made again, or those of a sweep's jobs in their order.
     runs: tuple[Rerun, ...]
     #: Store entries of a bundle, all of which were read; None of a directory, and of one job of a bundle.
     entries: int | None = None

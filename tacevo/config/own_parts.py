@@ -33,7 +33,7 @@ class Setting:
 
     #: `int`, `float`, `bool` or `str`.
     type: str
-    #: None where it must be given.
+    #: The default of the setting; None where it must be given.
     default: Json
 
 

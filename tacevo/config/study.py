@@ -29,7 +29,7 @@ def _is_named(value: str | None) -> bool:
 class StudyStoreConfig(Record):
     """The place where trainings are recorded."""
 
-    #: None for where the run has its stores.
+    #: The directory of the stores; None for that of the run's.
     root: Text | None
 
 

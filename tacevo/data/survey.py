@@ -24,7 +24,7 @@ SIDE = 16
 #: images of the training split, on average. Of 3,000 simulated presses, at most one is that near to another.
 ALIKE = 200
 
-#: Most images that are compared of a part, at even steps.
+#: The largest number of images of a part that are compared, at even steps.
 _MOST = 10_000
 
 

@@ -271,7 +271,7 @@ class NetworkArchive:
     """
 
     archive: Archive = field(default_factory=Archive)
-    #: None until the first candidate arrives, and for an archive without niches.
+    #: The bounds of the axes; None until the first candidate arrives, and for an archive without niches.
     bounds: AxisBounds | None = None
     #: Bounds given by the config never move.
     fixed: bool = False

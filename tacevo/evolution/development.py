@@ -67,7 +67,7 @@ class Outcome:
     proposal: Proposal
     #: The last answer; None for the baseline and a given network, which no model was asked for.
     completion: Completion | None
-    #: None where the gate rejected the answer.
+    #: The admitted candidate; None where the gate rejected the answer.
     admitted: Admitted | None
     #: The training, or the rejection where there is none; None of a skipped candidate.
     result: Training | Rejection | None
@@ -218,7 +218,7 @@ class _Slot:
     #: Wall time of the gate, for these too.
     seconds: float = 0.0
     completion: Completion | None = None
-    #: None before the gate has judged.
+    #: The gate's verdict; None before it has judged.
     gated: Admitted | Rejection | None = None
     #: The training of an admitted candidate, under way or done; None of one that was not admitted, or is skipped.
     training: Future[_Trained] | None = None

@@ -143,7 +143,7 @@ class GenerationLine(Record):
     #: SHA-256 of the occupants of both archives.
     archive: str
     prompt_archive: str
-    #: None where no answer was sent back.
+    #: The number of candidates that trained after a repair; None where no answer was sent back.
     repaired: int | None = None
     #: Candidates whose first answer a surrogate skipped; None where there were none.
     skipped: int | None = None
@@ -167,7 +167,7 @@ class GateStage:
     left: int
     #: The share `left` of all first answers, in [0, 1]; None where nothing was asked.
     left_share: float | None
-    #: Most frequent first.
+    #: The reasons of rejections with their counts, most frequent first.
     reasons: tuple[tuple[Reason, int], ...]
 
 

@@ -84,11 +84,11 @@ class EliteEntry(Record):
     """An occupied niche, or place, of the network archive."""
 
     niche: int
-    #: None in an archive without niches.
+    #: The centroid of the niche; None in an archive without niches.
     centroid: tuple[float, ...] | None = None
     id: str
     fitness: float
-    #: Before normalisation.
+    #: The descriptors before normalisation.
     descriptors: tuple[float, ...]
 
 

@@ -41,7 +41,7 @@ class Exported:
     line: CandidateLine
     plan: TrainingPlan
     data: Dataset
-    #: One, or those of an ensemble.
+    #: The trained network, or those of an ensemble.
     trained: Sequence[Trained]
     #: The reasons why equal bits were not promised.
     doubts: tuple[str, ...]
@@ -52,7 +52,7 @@ class Exported:
     bundle: str | None
     #: The class as it was tried; None as long as it was not.
     built: Built | None = None
-    #: None where ONNX cannot hold it, or as long as it was not tried.
+    #: The ONNX file; None where ONNX cannot hold the model, or as long as it was not tried.
     onnx: Converted | None = None
     #: The reason why there is no ONNX file; empty where there is one.
     without_onnx: str = ""

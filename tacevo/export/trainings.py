@@ -59,7 +59,7 @@ class ExportSettings(Record):
 
     #: Trainings; several are an ensemble.
     seeds: Annotated[int, Ge(1), Le(100)] = 1
-    #: None for those of the study or the search.
+    #: The number of epochs; None for that of the study or the search.
     epochs: OneToMillion | None = None
     like: Like = Like.study
     #: The licence of the model, as its card names it.

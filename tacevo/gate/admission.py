@@ -76,7 +76,7 @@ class Gate:
     limits: GateLimits
     #: The fingerprint of the data set on whose images networks are probed, too; None where there is none.
     fingerprint: str | None = None
-    #: None where there is no data set, and where probes are recalled only or looked up.
+    #: The images for probes; None where there is no data set, and where probes are recalled only or looked up.
     images: DataImages | None = None
     #: UTF-8 bytes of a model's whole answer.
     source_bytes: int = 100_000

@@ -31,7 +31,7 @@ class Order:
     device: Device
     #: The model of the GPU; None for any, or on a CPU.
     gpu: str | None
-    #: Most trainings on one GPU at once; None for as many as fit, on this machine.
+    #: The most trainings on one GPU at once; None for as many as fit, on this machine.
     per_gpu: int | None
     #: The weakest confinement that will do.
     require: Confinement

@@ -14,7 +14,7 @@ MOST_BYTES, MOST_FILES = 1_000_000, 200
 class Kind:
     """One kind of parts."""
 
-    #: Also the group of its entry points: `tacevo.parents`.
+    #: The name of the kind, also that of the group of its entry points: `tacevo.parents`.
     name: str
     #: The work of a part of this kind, for a list of kinds.
     does: str

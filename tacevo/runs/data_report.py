@@ -23,7 +23,7 @@ class Image:
     row: int
     #: `train`, `validation` or `test`.
     part: str
-    #: None where images are not files.
+    #: The file of the image; None where images are not files.
     file: str | None
 
     def __str__(self) -> str:

@@ -192,9 +192,9 @@ class Workbench:
     #: The mode of the stores; the completions follow `llm.mode`, unless this is `replay`.
     mode: Mode
     _: KW_ONLY
-    #: None where nothing is trained, as in a replay.
+    #: The data set; None where nothing is trained, as in a replay.
     data: Dataset | None = None
-    #: None for those that the configuration names.
+    #: The stores; None for those that the configuration names.
     stores: Stores | None = None
     #: Called with what confines a candidate, as `in_force` describes it, before its answer is kept.
     notice: Notice | None = None

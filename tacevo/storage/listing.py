@@ -24,7 +24,7 @@ class Stored:
     #: The model that was asked for a completion, and its answer; empty of another entry.
     model: str = ""
     completion: Completion | None = None
-    #: None if the file is sound.
+    #: The error of a damaged file; None if it is sound.
     problem: StoreError | None = None
 
 

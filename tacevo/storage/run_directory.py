@@ -83,11 +83,11 @@ class RunRecord(Record):
     data: DataFacts
     versions: dict[str, str]
     machine: dict[str, FreeJson]
-    #: None where the package was not run from a checkout, and in runs of the first release.
+    #: The commit of the code; None where the package was not run from a checkout, and in runs of the first release.
     code: Code | None = None
     #: Each way in which candidates were confined, in the order in which they came.
     confinement: tuple[dict[str, str], ...]
-    #: None until the run is finished.
+    #: The run's digest; None until it is finished.
     digest: str | None
     #: Number of the summary and the tables (`tacevo.rules.PAGES`).
     pages: int = FIRST_PAGES

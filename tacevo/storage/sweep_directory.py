@@ -78,7 +78,7 @@ class Retraining(Record):
 class SweepTerms(Record):
     """The terms on which the arms of a sweep are compared; those of an early sweep, which states none, are empty."""
 
-    #: None where it was not stated when the sweep began.
+    #: The first metric of comparison; None where it was not stated when the sweep began.
     primary: Primary | None = None
     #: The arm that all others are compared with; None for `none`, where there is such an arm.
     reference: str | None = None
@@ -86,7 +86,7 @@ class SweepTerms(Record):
     vary: tuple[Varied, ...] = ()
     #: The plan that the sweep follows; None where nothing was planned.
     plan: SeedPlan | None = None
-    #: Written before the first of these trainings; None until then.
+    #: The terms on which the best networks are tested, written before the first of these trainings; None until then.
     retraining: Retraining | None = None
 
 

@@ -42,7 +42,7 @@ class Begun:
 
     run: RunDirectory
     is_busy: bool
-    #: None where none was written yet.
+    #: The content of run.json; None where none was written yet.
     record: RunRecord | None
     ledger: Sealed[Line]
 

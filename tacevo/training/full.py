@@ -80,9 +80,9 @@ class FullTraining(Record):
     epoch: int
     #: The metrics by name, see `training.metrics`.
     metrics: dict[str, float]
-    #: None for regression.
+    #: The confusion matrix; None for regression.
     confusion: Confusion | None
-    #: None under the rules before `KEPT_SINCE`.
+    #: The stored predictions and labels; None under the rules before `KEPT_SINCE`.
     kept: Kept | None = None
 
     @property

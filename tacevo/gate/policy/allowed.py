@@ -71,7 +71,7 @@ _SPECIAL = (
 )
 
 
-#: Not `ForwardRef`: it runs the text that it is given.
+#: The names of `typing` that are allowed. `ForwardRef` is not: it runs the text that it is given.
 _TYPING = """
     Annotated Any Callable ClassVar Collection Concatenate Container Counter DefaultDict Deque Dict Final FrozenSet
     Generator Generic Hashable Iterable Iterator List Literal Mapping MutableMapping MutableSequence NamedTuple Never
