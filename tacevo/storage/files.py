@@ -63,7 +63,10 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
 
 
 def _flock_soon(handle: int, *, shared: bool = False) -> bool:
-    """Lock as `flock` does, and wait for who holds it for a moment, as `is_in_use` does to see whether it is held."""
+    """Lock as `flock` does; where another process holds the lock, try again for a second.
+
+    `is_in_use` of another process holds it for a moment, to see whether it is free.
+    """
     for _ in range(_PATIENCE):
         if flock(handle, shared=shared):
             return True

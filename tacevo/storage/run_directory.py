@@ -48,7 +48,7 @@ MANIFEST = "manifest-sha256.txt"
 
 
 def name_instead(path: Path) -> str:
-    """Return what a user names instead of the directory that a published run was unpacked into; else nothing."""
+    """Return the remedy for the directory of an unpacked bundle: what a user names instead; empty for another one."""
     if not (path / MANIFEST).is_file():
         return ""
     name = "this is an unpacked bundle: name the file that `tacevo publish` wrote"
