@@ -136,8 +136,8 @@ def _samples(dataset: Dataset, units: tuple[str, ...]) -> list[int]:
 
 def _even(rows: npt.NDArray[np.int64], count: int) -> list[int]:
     """Take `count` rows at even steps, the first and the last among them; all where there are fewer."""
-    places = np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(np.int64)
-    return [int(row) for row in rows[places]]
+    indices = np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(np.int64)
+    return [int(row) for row in rows[indices]]
 
 
 def _draw(

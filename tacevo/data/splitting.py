@@ -94,8 +94,8 @@ def random_split(
 
     def dealt() -> Split:
         order = _spread(rng.permutation(len(sizes)), None if classes is None else classes[first])
-        place_of_group = np.argsort(order)
-        rows = np.argsort(place_of_group[members], kind="stable")
+        rank_of_group = np.argsort(order)
+        rows = np.argsort(rank_of_group[members], kind="stable")
         return _split_at(rows, _group_ends(np.cumsum(sizes[order]), ends))
 
     return min((dealt() for _ in range(tries)), key=lambda split: _misfit(split, (train, validation, test), classes))
@@ -125,9 +125,9 @@ def _spread(order: npt.NDArray[np.int64], classes: npt.NDArray[np.int64] | None)
         return order
     share, turn = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
     for number in np.unique(classes):
-        places = np.flatnonzero(classes[order] == number)
-        share[order[places]] = (np.arange(len(places)) + 0.5) / len(places)
-        turn[order[places]] = places[0]  # classes take turns in one order, so that no stretch lacks one
+        indices = np.flatnonzero(classes[order] == number)
+        share[order[indices]] = (np.arange(len(indices)) + 0.5) / len(indices)
+        turn[order[indices]] = indices[0]  # classes take turns in one order, so that no stretch lacks one
     return np.lexsort((turn, share))
 
 

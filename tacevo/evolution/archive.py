@@ -135,10 +135,10 @@ class Tessellation:
         for point in points:
             if len(point) != dimensions or not all(math.isfinite(value) for value in point):
                 raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
-        places = np.asarray(points, dtype=np.float64).reshape(-1, dimensions)
+        coordinates = np.asarray(points, dtype=np.float64).reshape(-1, dimensions)
         niches: list[int] = []
         # A tree would take longer to import than a search takes to look through some hundred centroids.
-        for part in np.split(places, range(_AT_ONCE, len(places), _AT_ONCE)):
+        for part in np.split(coordinates, range(_AT_ONCE, len(coordinates), _AT_ONCE)):
             distances = ((part[:, None] - self.centroids) ** 2).sum(axis=2)
             niches += distances.argmin(axis=1).tolist()
         return niches

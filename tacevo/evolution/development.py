@@ -126,19 +126,19 @@ def develop(
 
 
 def _answers(asked: Mapping[int, "_Slot"], llm: LLM) -> Iterator[tuple[int, Completion]]:
-    """Yield each answer with its place among the proposals.
+    """Yield each answer with its index among the proposals.
 
     Raises:
         CacheMissError: a replay, which answers in order, has no answer to the next one; the message names its slot.
     """
-    places = list(asked)
+    indices = list(asked)
     answered = 0
     try:
         for position, completion in llm.complete([slot.request for slot in asked.values() if slot.request is not None]):
             answered += 1
-            yield places[position], completion
+            yield indices[position], completion
     except CacheMissError as error:
-        _name_slot(error, asked[places[answered]].proposal)
+        _name_slot(error, asked[indices[answered]].proposal)
         raise
 
 

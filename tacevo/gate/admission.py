@@ -58,8 +58,8 @@ class DataImages:
     @classmethod
     def of(cls, rows: NDArray[np.int64], mean: tuple[float, ...], deviation: tuple[float, ...]) -> Self:
         """Choose evenly among some rows, as many as a probe takes; of fewer, some stand twice."""
-        places = np.linspace(0, len(rows) - 1, _PROBED).astype(np.int64)
-        return cls(rows=rows[places], mean=mean, deviation=deviation)
+        indices = np.linspace(0, len(rows) - 1, _PROBED).astype(np.int64)
+        return cls(rows=rows[indices], mean=mean, deviation=deviation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

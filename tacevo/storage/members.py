@@ -21,7 +21,7 @@ class Member(PosixPath):
     written, and no name leads out of a bundle.
 
     Args:
-        place: what errors name.
+        path: the name of the file in errors.
         content: the bytes of a file or the tree of a directory; None where nothing is there.
         parent: the directory that it lies in; None for the first one, which is its own parent.
         name: its name in the bundle, or that of its run.

@@ -47,7 +47,8 @@ def draw_edits(temperature: float, rng: np.random.Generator) -> int:
 def warm(network: Network, temperature: float, rng: np.random.Generator) -> Network:
     """Add the small random edits of a temperature.
 
-    T changes the number of edits and not their order: a warmer network has the edits of a colder one, and then more."""
+    T changes the number of edits and not their order: a warmer network has the edits of a colder one, and then more.
+    """
     for _ in range(draw_edits(temperature, rng)):
         network = vary(network, SMALL_EDITS, rng)
     return network
