@@ -57,7 +57,7 @@ def _shared_out(gradient: torch.Tensor, axis: int, size: int) -> torch.Tensor:
 def _windows(
     count: int, size: int, device: torch.device
 ) -> tuple[torch.Tensor, tuple[tuple[torch.Tensor, torch.Tensor], ...]]:
-    """Return the lengths of an axis's windows; and for each position its first window, its second, ..., if it has it."""
+    """Return the lengths of an axis's windows; and each position's first window, its second, ..., if it has it."""
     number, position = np.arange(count), np.arange(size)
     lengths = -(-(number + 1) * size // count) - number * size // count
     first, last = position * count // size, -(-(position + 1) * count // size) - 1
