@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class SensorTask(StrEnum):
-    """What is pressed onto the simulated sensor, and what the network must read from the image."""
+    """The task of a simulated sensor: the object pressed onto it, and the quantity to be read from the image."""
 
     force = "force"
     grating = "grating"
@@ -12,15 +12,15 @@ class SensorTask(StrEnum):
 
 
 class SimulatedSensor(StrEnum):
-    """What the camera of a simulated sensor sees: markers and the object (ViTacTip), or one of both.
+    """The view of a simulated sensor's camera: markers and the object (ViTacTip), or one of both.
 
     The names are those of the real sensors (and of their directories in the TacVerse release).
     """
 
     ViTacTip = "ViTacTip"
-    #: Without markers.
+    #: The object alone, without markers.
     ViTac = "ViTac"
-    #: Behind an opaque skin.
+    #: The markers alone, behind an opaque skin.
     TacTip = "TacTip"
 
 
@@ -29,7 +29,7 @@ ALL_SENSORS = "*"
 
 
 class RecordedTask(StrEnum):
-    """What recordings of the release's sensors are for: the tasks that come with the project."""
+    """The task that a recording of the release's sensors is for: one of those that come with the project."""
 
     force = "force"
     grating = "grating"
@@ -38,7 +38,7 @@ class RecordedTask(StrEnum):
 
 
 class GratingClasses(StrEnum):
-    """What the classes of recorded gratings are: their sizes, the families dot and line of patterns, or both."""
+    """The classes of recorded gratings: their sizes, the families dot and line of patterns, or both."""
 
     size = "size"
     pattern = "pattern"
@@ -46,7 +46,7 @@ class GratingClasses(StrEnum):
 
 
 class SplitRule(StrEnum):
-    """Who decides which rows are for training: `random`, by a seed; `release`, the authors of the recording."""
+    """The rule that splits the rows: `random` draws by a seed, `release` follows the authors of the recording."""
 
     random = "random"
     release = "release"
@@ -62,14 +62,14 @@ class LightScene(StrEnum):
 
 
 class Normalisation(StrEnum):
-    """How uint8 images become the network's input."""
+    """The way in which uint8 images become the network's input."""
 
     standardise = "standardise"
     unit = "unit"
 
 
 class TargetScaling(StrEnum):
-    """How regression labels are scaled, by the training split's statistics."""
+    """The scaling of regression labels, by the training split's statistics."""
 
     minmax = "minmax"
     zscore = "zscore"
@@ -77,7 +77,7 @@ class TargetScaling(StrEnum):
 
 
 class SystemTurn(StrEnum):
-    """Where a request has the system prompt: as one, or at the start of the user's first turn."""
+    """The place of the system prompt in a request: as a system prompt, or at the start of the user's first turn."""
 
     system = "system"
     user = "user"
@@ -92,7 +92,7 @@ PAPER_AXES = ("arch_div", "eff_ratio")
 
 
 class BoundsRule(StrEnum):
-    """Which range of a descriptor maps to [0, 1]."""
+    """The range of a descriptor that maps to [0, 1]."""
 
     adaptive = "adaptive"
     fixed = "fixed"
@@ -106,14 +106,14 @@ class Scale(StrEnum):
 
 
 class OperatorScope(StrEnum):
-    """What one draw of the operator holds for."""
+    """The scope of one draw of the operator: what it holds for."""
 
     generation = "generation"
     candidate = "candidate"
 
 
 class Numerics(StrEnum):
-    """Where training bits are equal: `portable` and `portable512` on any x86-64 CPU with AVX2 or with AVX-512.
+    """The machines with equal training bits: `portable`, `portable512` are any x86-64 CPU with AVX2, with AVX-512.
 
     `fast`: on the recorded machine only.
     """
@@ -124,23 +124,23 @@ class Numerics(StrEnum):
 
 
 class Device(StrEnum):
-    """What candidates are trained on."""
+    """The device on which candidates are trained."""
 
     cpu = "cpu"
     cuda = "cuda"
 
 
 class Layout(StrEnum):
-    """How images and weights lie in a GPU's memory."""
+    """The layout of images and weights in a GPU's memory."""
 
     #: Channel after channel, as torch has them by default.
     contiguous = "contiguous"
-    #: All channels of a pixel beside each other.
+    #: The layout with all channels of a pixel beside each other.
     channels_last = "channels_last"
 
 
 class Precision(StrEnum):
-    """How a GPU multiplies: in float32; in TF32, which cuts inputs to 10 bits of mantissa; or by autocast to bf16."""
+    """The precision of a GPU's products: float32; TF32, which cuts inputs to 10 bits of mantissa; autocast to bf16."""
 
     float32 = "float32"
     tf32 = "tf32"
@@ -148,7 +148,7 @@ class Precision(StrEnum):
 
 
 class Confinement(StrEnum):
-    """How strongly candidates are confined; each level includes the one before. A run names the least it accepts."""
+    """The level of confinement; each includes the one before. A run names the least it accepts."""
 
     none = "none"
     process = "process"
@@ -156,21 +156,21 @@ class Confinement(StrEnum):
 
 
 class ChosenBy(StrEnum):
-    """What the elites of a study are chosen by: their recorded fitness, or the median of a noise run's re-estimates."""
+    """The quantity that chooses a study's elites: recorded fitness, or the median of a noise run's re-estimates."""
 
     fitness = "fitness"
     reestimated = "reestimated"
 
 
 class Primary(StrEnum):
-    """What the arms of a sweep are compared by first; all other metrics are secondary."""
+    """The metric by which the arms of a sweep are compared first; all others are secondary."""
 
-    #: Of the best networks of each job, trained again with fresh seeds: accuracy or MSE.
+    #: The accuracy or MSE on the test images of the best networks of each job, trained again with fresh seeds.
     test_score = "test_score"
-    #: Of these trainings, the geometric mean of cross-entropy or MSE.
+    #: The geometric mean of the cross-entropies or MSEs of these trainings.
     test_loss = "test_loss"
     best_fitness = "best_fitness"
-    #: Of the fitness of the new candidates in the later half of the generations, in which no luck piles up.
+    #: The fitness that a quarter of the new candidates of the later generations reach; no luck piles up in it.
     new_quartile = "new_quartile"
     qd_score = "qd_score"
     coverage = "coverage"
@@ -190,7 +190,7 @@ class Varied(StrEnum):
 
 
 class MarginKind(StrEnum):
-    """What an equivalence margin counts in."""
+    """The unit of an equivalence margin."""
 
     #: Parts of the baseline's median.
     relative = "relative"

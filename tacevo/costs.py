@@ -1,4 +1,4 @@
-"""What answers cost, added up: for a candidate, a generation, a run or a store. Pure."""
+"""The costs of answers, added up: for a candidate, a generation, a run or a store. Pure."""
 
 import math
 from collections.abc import Iterable
@@ -33,7 +33,7 @@ class Spending:
 
 @dataclass(slots=True)
 class Tally:
-    """What a search was answered while it ran: by the model, which is paid now, and by the store."""
+    """The answers that a search got while it ran: from the model, which are paid now, and from the store."""
 
     asked: Spending = Spending()
     recalled: int = 0

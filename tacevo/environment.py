@@ -1,4 +1,4 @@
-"""What a run is made with: commit, package versions, machine and commands. For people; no result depends on it."""
+"""The environment of a run: commit, package versions, machine and commands. For people; no result depends on it."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""What the probe measures of a network, and a candidate that was admitted with it.
+"""The measurements of a network by the probe, and a candidate that was admitted with them.
 
 The ranges are those of any traced network. They are checked where a profile is read (`tacevo.typed`): a candidate can
 forge one. Sizes are below 2**53, so that descriptors stay finite.
@@ -13,8 +13,8 @@ from annotated_types import Ge, Le, Lt, MaxLen
 
 from tacevo.records import Record
 
-#: How many steps of a pass are recorded, and how many operands of a step: more than any network that a person would
-#: write has, and few enough that a record stays below a megabyte or two.
+#: The most steps of a pass that are recorded, and the most operands of a step: more than any network that a person
+#: would write has, and few enough that a record stays below a megabyte or two.
 MOST_STEPS = 5_000
 
 MOST_OPERANDS = 16
@@ -77,10 +77,10 @@ class Step(Record):
 
     #: Operation type as in `Node`, or the name of an activation, e.g. `leaky_relu`.
     op: _Name
-    #: As in `Node`.
+    #: Whether the call uses a weight of two or more dimensions, as in `Node`.
     weighted: bool
-    #: For each operand that depends on the image, in order, the indices of the steps that it comes from: rising, below
-    #: this step's own, and none for the image itself.
+    #: The indices of the steps that each operand comes from which depends on the image, in the operands' order: rising,
+    #: below this step's own, and none for the image itself.
     sources: Annotated[tuple[tuple[int, ...], ...], MaxLen(MOST_OPERANDS)]
     #: Shapes of these operands for a batch of one image, that dimension included.
     operands: tuple[tuple[_Size, ...], ...]
@@ -97,7 +97,7 @@ class Step(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile(Record):
-    """What the probe measured of an admitted candidate."""
+    """The measurements of an admitted candidate by the probe."""
 
     #: Trainable and frozen parameters, each counted once.
     parameters: Annotated[int, Ge(1), Lt(2**53)]

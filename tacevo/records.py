@@ -21,10 +21,11 @@ T = TypeVar("T")
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-#: What `json` writes.
+#: The values that `json` writes.
 Json = None | bool | int | float | str | Sequence["Json"] | Mapping[str, "Json"]
 
-#: For `__pydantic_config__` of a record that is read from outside (`tacevo.typed`): nothing is guessed or dropped.
+#: The value of `__pydantic_config__` for a record that is read from outside (`tacevo.typed`): nothing is guessed or
+#: dropped.
 STRICT = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
 
 #: A provider's setting: a number, a word, or several words.
@@ -42,7 +43,7 @@ class Record:
 
 
 class Kind(StrEnum):
-    """What a task asks of a network. Member names are what users write in a config."""
+    """The kind of a task, by what it asks of a network. Member names are what users write in a config."""
 
     regression = "regression"
     classification = "classification"
@@ -56,7 +57,7 @@ class Loss(StrEnum):
 
 
 class Mode(StrEnum):
-    """How a store is used: `live` never reads, `record` reads or else computes and writes, `replay` only reads."""
+    """The use of a store: `live` never reads, `record` reads or else computes and writes, `replay` only reads."""
 
     live = "live"
     record = "record"
@@ -64,14 +65,14 @@ class Mode(StrEnum):
 
 
 class Delivery(StrEnum):
-    """How requests reach a provider: `direct` one by one, or a generation as one `batch`, slower and cheaper."""
+    """The delivery of requests: `direct` one by one, or a generation as one `batch`, slower and cheaper."""
 
     direct = "direct"
     batch = "batch"
 
 
 class Operator(StrEnum):
-    """How a candidate was asked for."""
+    """The operator by which a candidate was asked for."""
 
     baseline = "baseline"
     #: A network of the user's, which no model was asked for.
@@ -83,7 +84,7 @@ class Operator(StrEnum):
 
 
 class Stage(StrEnum):
-    """Where a candidate was rejected, in the order of the gate; the last is training."""
+    """The stage at which a candidate was rejected, in the order of the gate; the last is training."""
 
     extract = "extract"
     policy = "policy"
@@ -92,7 +93,7 @@ class Stage(StrEnum):
 
 
 class Reason(StrEnum):
-    """Why a candidate was rejected; this enters the ledger, free text does not."""
+    """The reason for which a candidate was rejected; it enters the ledger, free text does not."""
 
     # extract: from the model's answer to source text
     empty = "empty"
@@ -114,7 +115,7 @@ class Reason(StrEnum):
     changes_its_mode = "changes_its_mode"
     hidden_parameters = "hidden_parameters"
     depends_on_batch = "depends_on_batch"
-    #: It takes steps, or runs backward passes, of its own.
+    #: The candidate takes steps, or runs backward passes, of its own.
     learns_by_itself = "learns_by_itself"
     # probe and train: what happens when it runs
     construction_failed = "construction_failed"
@@ -124,9 +125,9 @@ class Reason(StrEnum):
     not_finite = "not_finite"
     no_gradient = "no_gradient"
     nondeterministic = "nondeterministic"
-    #: It draws in evaluation mode, such as a dropout that is always on.
+    #: The candidate draws in evaluation mode, such as a dropout that is always on.
     random_in_evaluation = "random_in_evaluation"
-    #: It draws its initial weights from a seed of its own.
+    #: The candidate draws its initial weights from a seed of its own.
     fixed_seed = "fixed_seed"
     too_many_parameters = "too_many_parameters"
     too_many_flops = "too_many_flops"
@@ -166,7 +167,7 @@ class Request(Record):
     #: Sampling temperature in [0, 1].
     temperature: float
     max_tokens: int
-    #: Which of several draws of an otherwise equal request this is, so that equal prompts give distinct answers.
+    #: The number of this draw of an otherwise equal request, so that equal prompts give distinct answers.
     draw: int
     #: Further settings of the provider, by name, in the order of their names.
     settings: tuple[tuple[str, Setting], ...] = ()
@@ -174,14 +175,14 @@ class Request(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Price(Record):
-    """What a provider asked for a model's tokens when it was asked."""
+    """The price of a model's tokens when it was asked."""
 
     #: US dollars for a million tokens.
     input_usd: float
     output_usd: float
     #: The day of the price table, as `YYYY-MM-DD`.
     dated: str
-    #: What the delivery multiplies both by, e.g. 0.5 for a batch.
+    #: The factor by which the delivery multiplies both, e.g. 0.5 for a batch.
     factor: float = 1.0
     #: US dollars for a million input tokens that the provider read from its cache, and that it wrote there; None where
     #: an answer has no such tokens, or their price is not known.
@@ -197,7 +198,7 @@ class Price(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completion(Record):
-    """What a model answered; recordings of earlier versions lack the fields from `dropped` on."""
+    """The answer of a model; recordings of earlier versions lack the fields from `dropped` on."""
 
     text: str
     #: The model's name as the provider returned it.
@@ -206,16 +207,16 @@ class Completion(Record):
     #: knows; `invalid_request` where the provider refuses the request itself, e.g. because it is too long;
     #: `key_repeated` where the text repeated the API key and is not recorded.
     stop_reason: str
-    #: As the server counted them, those of its cache included; None where it did not (recordings of earlier versions
-    #: hold what it said instead, `true` say: see `tokens`).
+    #: The number of input tokens as the server counted them, those of its cache included; None where it did not
+    #: (recordings of earlier versions hold what it said instead, `true` say: see `tokens`).
     input_tokens: bool | int | None
     output_tokens: bool | int | None
     #: Sampling settings of the request that the model refuses, and that were therefore not sent.
     dropped: tuple[str, ...] = ()
     delivery: Delivery = Delivery.direct
-    #: None where the price table does not know the model.
+    #: The price of the answer's tokens; None where the price table does not know the model.
     price: Price | None = None
-    #: Of the input tokens, those that the provider read from its cache, and those that it wrote there; None where it
+    #: The number of input tokens that the provider read from its cache, and of those that it wrote there; None where it
     #: said something else than a number.
     cache_read: int | None = 0
     cache_written: int | None = 0
@@ -232,7 +233,7 @@ class Completion(Record):
 
     @property
     def cost(self) -> float | None:
-        """What the answer cost, in US dollars; None where its tokens or their price are not known."""
+        """The cost of the answer, in US dollars; None where its tokens or their price are not known."""
         price, tokens, read, written = self.price, self.tokens, self.cache_read, self.cache_written
         if price is None or tokens is None or read is None or written is None:
             return None
@@ -256,7 +257,7 @@ def token_count(value: object) -> int | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contract(Record):
-    """What a candidate class must be: the part of a task that the gate and the trainer enforce.
+    """The contract of a candidate class: the part of a task that the gate and the trainer enforce.
 
     The class is built as `Class(in_channels=..., <output_argument>=...)`, each argument only where its
     constructor has one of that name. It maps float32 `(N, in_channels, image_size, image_size)` to float32
@@ -271,7 +272,7 @@ class Contract(Record):
     image_size: int
     #: Number of regressed values, or of classes.
     outputs: int
-    #: What the baseline's constructor calls the number of outputs, e.g. `num_classes`.
+    #: The name of the number of outputs in the baseline's constructor, e.g. `num_classes`.
     output_argument: str
 
     @property
@@ -325,13 +326,14 @@ class Task(Record):
     instructions: tuple[Instruction, ...]
     #: The fixed instruction of every crossover.
     crossover: str
-    #: What generation 0 holds beside the baseline, in place of mutations of it; empty where it holds those.
+    #: The networks that generation 0 holds beside the baseline, in place of mutations of it; empty where it holds
+    #: those.
     given: tuple[Given, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits(Record):
-    """What a candidate may use; over a limit it is killed or rejected with a typed reason."""
+    """The limits of a candidate; over one it is killed or rejected with a typed reason."""
 
     #: Wall time of the whole child process, in seconds.
     seconds: float
@@ -341,12 +343,12 @@ class Limits(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gpu(Record):
-    """What a candidate trains on, where that is a GPU: all that decides its bits, or where its memory ends."""
+    """The GPU that a candidate trains on: all that decides its bits, or where its memory ends."""
 
-    #: As CUDA names it, e.g. `NVIDIA H200`.
+    #: The model as CUDA names it, e.g. `NVIDIA H200`.
     model: str
     precision: Precision
-    #: Most memory of the GPU that a training may have, with its images, in MiB.
+    #: The most memory of the GPU that a training may have, with its images, in MiB.
     memory_mib: int
     layout: Layout = Layout.contiguous
     #: Whether a step is recorded once and replayed, where the network allows it; never before number 5 of the rules.
@@ -361,7 +363,7 @@ class Gpu(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recipe(Record):
-    """How a candidate is trained; part of an evaluation's key."""
+    """The recipe by which a candidate is trained; part of an evaluation's key."""
 
     epochs: int
     batch_size: int
@@ -369,7 +371,7 @@ class Recipe(Record):
     #: The only optimiser so far.
     optimiser: Literal["adam"]
     limits: Limits
-    #: None on a CPU.
+    #: The GPU of the training; None on a CPU.
     gpu: Gpu | None = None
 
     @classmethod
@@ -402,11 +404,11 @@ class Training(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataFacts(Record):
-    """What a run records of its data set, so that it can be replayed without it."""
+    """The facts of its data set that a run records, so that it can be replayed without it."""
 
     #: SHA-256 over images, labels, split, label scaling and input statistics.
     fingerprint: str
-    #: What its labels are for.
+    #: The kind of task that its labels are for.
     kind: Kind
     #: Images in the training, validation and test split.
     counts: tuple[int, int, int]
@@ -418,8 +420,8 @@ class DataFacts(Record):
     names: tuple[str, ...]
     #: The settings that selected images of a recording, e.g. `data.images=700`; none where all were taken.
     selected: tuple[str, ...] = ()
-    #: Which test images were recorded together: the number of each one's group, in the order of the test rows. Groups
-    #: are numbered from 0 as they come. Empty where none are known, as in runs of earlier releases.
+    #: The groups of test images that were recorded together: the number of each image's group, in the order of the test
+    #: rows. Groups are numbered from 0 as they come. Empty where none are known, as in runs of earlier releases.
     groups: tuple[int, ...] = ()
 
     LATER: ClassVar[frozenset[str]] = frozenset({"selected", "groups"})
@@ -436,7 +438,7 @@ class DataFacts(Record):
 
     @property
     def units(self) -> int:
-        """How many test images count as independent: their groups where these are known, or else all of them."""
+        """The number of independent test units: the groups of images where these are known, or else the images."""
         return len(set(self.groups)) or self.counts[2]
 
     @property

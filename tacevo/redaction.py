@@ -8,10 +8,10 @@ from tacevo.errors import ConfigError
 #: Addresses of these schemes are paths, which hold no password.
 _PATH_SCHEMES = frozenset({"sqlite", "file"})
 
-#: In the query of an address, a name with one of these is a password's.
+#: The parts by which a name in the query of an address is that of a password.
 _SECRET_NAMES = ("passw", "pwd", "secret", "token")
 
-#: What a variable of the environment is called that holds a secret.
+#: The pattern for the name of an environment variable that holds a secret.
 _SECRET_VARIABLE = re.compile(
     r"(^|_)((API)?KEYS?|(API)?TOKENS?|SECRETS?|CREDENTIALS?|PAT|PASS)(_|$)|_PWD$|PASSW|PASSPHRASE", re.IGNORECASE
 )
@@ -48,9 +48,9 @@ def _holds_password(address: str) -> bool:
     scheme, mark, rest = address.partition("://")
     if not mark or (scheme in _PATH_SCHEMES and rest.startswith("/")):
         return False
-    user_info, _, place = rest.removeprefix("***@").rpartition("@")  # a password may itself hold an @
+    user_info, _, host = rest.removeprefix("***@").rpartition("@")  # a password may itself hold an @
     is_token = bool(user_info) and scheme in {"http", "https"}
-    query = place.partition("?")[2].lower()
+    query = host.partition("?")[2].lower()
     return ":" in user_info or is_token or any(name in query for name in _SECRET_NAMES)
 
 
@@ -69,15 +69,15 @@ def without_secrets(text: str, secrets: tuple[str, ...]) -> str:
         if len(secret) < _SHORTEST:
             continue
         begun = re.compile(r"\s*".join(map(re.escape, secret[:_BEGINNING])))
-        kept, place = "", 0
-        while (found := begun.search(text, place)) is not None:
-            kept, place = f"{kept}{text[place : found.start()]}***", found.end()
+        kept, position = "", 0
+        while (found := begun.search(text, position)) is not None:
+            kept, position = f"{kept}{text[position : found.start()]}***", found.end()
             for letter in secret[_BEGINNING:]:
-                after = len(text) - len(text[place:].lstrip())
+                after = len(text) - len(text[position:].lstrip())
                 if text[after : after + 1] != letter:
                     break
-                place = after + 1
-        text = kept + text[place:]
+                position = after + 1
+        text = kept + text[position:]
     return text
 
 
@@ -111,6 +111,6 @@ def without_password(address: str) -> str:
     scheme, mark, rest = address.partition("://")
     if not mark or (scheme in _PATH_SCHEMES and rest.startswith("/")):
         return address
-    _, at, place = rest.rpartition("@")
-    place, question, _ = place.partition("?")
-    return f"{scheme}://{'***@' if at else ''}{place}{'?***' if question else ''}"
+    _, at, host = rest.rpartition("@")
+    host, question, _ = host.partition("?")
+    return f"{scheme}://{'***@' if at else ''}{host}{'?***' if question else ''}"

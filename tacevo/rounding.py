@@ -1,4 +1,4 @@
-"""How many digits of a computed number are kept, and how many are shown.
+"""The rounding of computed numbers: the digits that are kept, and those that are shown.
 
 Special functions and wide loops differ in their last bits between CPUs (docs/determinism.md), so
 numbers are rounded before they enter a file or a table.

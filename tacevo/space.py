@@ -17,15 +17,15 @@ class Space(Record):
     depth: Annotated[tuple[Annotated[int, Ge(2), Le(6)], ...], MinLen(1)]
     #: Channels of the first block; the others have 2, 4 and then again 4 times as many.
     width: Annotated[tuple[Annotated[int, Ge(8), Le(128)], ...], MinLen(1)]
-    #: In trunk and head.
+    #: The activation functions in trunk and head.
     activation: Annotated[tuple[Literal["relu", "leaky_relu", "gelu", "silu", "elu"], ...], MinLen(1)]
-    #: Of each block.
+    #: The normalisation of each block.
     norm: Annotated[tuple[Literal["none", "batch", "group"], ...], MinLen(1)]
-    #: How blocks halve the map.
+    #: The layers by which blocks halve the map.
     down: Annotated[tuple[Literal["max", "average", "stride"], ...], MinLen(1)]
     #: Whether the second block is bypassed.
     residual: Annotated[tuple[bool, ...], MinLen(1)]
-    #: What brings the map to a grid of 4 x 4 cells.
+    #: The layers that bring the map to a grid of 4 x 4 cells.
     pooling: Annotated[tuple[Literal["average", "max", "both"], ...], MinLen(1)]
     #: Width of the head's only hidden layer.
     hidden: Annotated[tuple[Annotated[int, Ge(16), Le(2048)], ...], MinLen(1)]

@@ -132,14 +132,14 @@ def as_overrides(settings: Sequence[tuple[str, object]]) -> list[str]:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> str:
-    """Write a Markdown table whose columns line up in plain text, too; those at places of `right` stand flush right."""
+    """Write a Markdown table whose columns line up in plain text, too; the columns in `right` stand flush right."""
     widths = [max(3, *map(len, column)) for column in zip(header, *rows, strict=True)]
-    rule = ["-" * (width - 1) + (":" if place in right else "-") for place, width in enumerate(widths)]
+    rule = ["-" * (width - 1) + (":" if column in right else "-") for column, width in enumerate(widths)]
 
-    def padded(place: int, cell: str) -> str:
-        return cell.rjust(widths[place]) if place in right else cell.ljust(widths[place])
+    def padded(column: int, cell: str) -> str:
+        return cell.rjust(widths[column]) if column in right else cell.ljust(widths[column])
 
-    lines = [[padded(place, cell) for place, cell in enumerate(line)] for line in (header, rule, *rows)]
+    lines = [[padded(column, cell) for column, cell in enumerate(line)] for line in (header, rule, *rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

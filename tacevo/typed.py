@@ -34,7 +34,7 @@ UncheckedJson = Annotated[Json, GetPydanticSchema(lambda _, handler: handler(Any
 #: JSON in a record, of finite numbers.
 FreeJson = Annotated[UncheckedJson, AfterValidator(_finite)]
 
-#: What can stand at a key, by the type of pydantic's error.
+#: The values that can stand at a key, by the type of pydantic's error.
 _EXPECTED = {
     "missing": "a value",
     "extra_forbidden": "only keys of this version",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
-from tacevo.config.deciding import centroids_asked, decision
+from tacevo.config.recorded_parts import centroids_asked, decision
 from tacevo.config.schema import ArchiveConfig
 from tacevo.errors import RunError, StoreError
 from tacevo.evolution.archive import Tessellation, find_centroids

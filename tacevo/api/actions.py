@@ -1,4 +1,4 @@
-"""What trains, asks a model or writes: the same as the commands of these names, with their progress."""
+"""The functions that train, ask a model or write: the commands of these names, with their progress."""
 
 from __future__ import annotations
 

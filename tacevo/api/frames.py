@@ -75,7 +75,7 @@ NETWORKS: Columns = {
     "source": "str",
 }
 
-#: Of a study's scores, before a column for each metric.
+#: The columns of a study's scores, before a column for each metric.
 SCORES: Columns = {
     "network": "str",
     "id": "str",
@@ -115,7 +115,7 @@ REESTIMATES: Columns = {
     "fitness": "float64",
 }
 
-#: Of a sweep's jobs, before a column for each metric.
+#: The columns of a sweep's jobs, before a column for each metric.
 JOBS: Columns = {
     "job": "str",
     "arm": "str",
@@ -125,7 +125,7 @@ JOBS: Columns = {
     "digest": "str",
 }
 
-#: Of the gate's verdicts on answers.
+#: The columns of the gate's verdicts on answers.
 CHECKS: Columns = {
     "file": "str",
     "verdict": "str",
@@ -135,7 +135,7 @@ CHECKS: Columns = {
     "parameters": "Int64",
 }
 
-#: Of the table of a space; the genes are those of `tacevo.space.Space`.
+#: The columns of the table of a space; the genes are those of `tacevo.space.Space`.
 TABLE_NETWORKS: Columns = {
     "network": "Int64",
     "depth": "Int64",
@@ -163,7 +163,7 @@ TABLE_TRAININGS: Columns = {
     "validation_loss": "float64",
 }
 
-#: Before a column for each metric.
+#: The columns of a table's trainings, before a column for each metric.
 TABLE_SCORES: Columns = {
     "network": "Int64",
     "seed": "Int64",

@@ -1,4 +1,4 @@
-"""How many seeds a study or a sweep needs, by its pilots."""
+"""The number of seeds that a study or a sweep needs, by its pilots."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.plan_file import SeedPlan, plan_text
 from tacevo.storage.sweep_directory import SweepDirectory
 
-#: What a pilot can be read from.
+#: The types that a pilot can be read from.
 PilotSource = Run | Study | Sweep | str | os.PathLike[str]
 
 

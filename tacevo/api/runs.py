@@ -47,19 +47,19 @@ class Run:
     """A finished run, whose ledger, archives and digest were compared with each other when it was opened."""
 
     def __init__(self, place: Opened, recorded: RecordedRun) -> None:
-        #: Where it lies: a directory, a bundle or a job of one.
+        #: The place of the run: a directory, a bundle or a job of one.
         self.place = place
-        #: As records: run.json, the ledger, settings for this machine.
+        #: The records of the run: run.json, the ledger, settings for this machine.
         self.recorded = recorded
 
     @property
     def path(self) -> Path:
-        """Its directory."""
+        """The directory of the run."""
         return self.recorded.path
 
     @property
     def name(self) -> str:
-        """Of its directory."""
+        """The name of the run's directory."""
         return self.recorded.name
 
     @property
@@ -69,17 +69,17 @@ class Run:
 
     @property
     def config(self) -> RunConfig:
-        """Its settings as they were recorded, such as `run.config.search.generations`; `store.root` as it was found."""
+        """The run's recorded settings, such as `run.config.search.generations`; `store.root` as it was found."""
         return self.recorded.config
 
     @property
     def versions(self) -> Mapping[str, str]:
-        """Of Python and the packages that made it, by name."""
+        """The versions of Python and of the packages that made the run, by name."""
         return self.recorded.record.versions
 
     @property
     def summary(self) -> str:
-        """What was found in words and tables, in Markdown, as `tacevo show` begins."""
+        """The results in words and tables, in Markdown, as `tacevo show` begins."""
         return summarise(self.recorded)
 
     @property
@@ -213,7 +213,7 @@ class Run:
 
     @cached_property
     def studies(self) -> Studies:
-        """Its finished studies and noise runs that are whole: first those on the run's data, of these on its device.
+        """The run's whole studies and noise runs: first those on the run's data, of these first on its device.
 
         Printed, they say why others were left out.
         """
@@ -261,7 +261,7 @@ class Run:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Why studies of the run, or their comparisons or re-estimates, are not shown, a sentence each."""
+        """The reasons why studies of the run, or their comparisons or re-estimates, are not shown, a sentence each."""
         return (*self.collection.left_out, *self.collection.remarks)
 
     @needing_parts()
@@ -317,7 +317,7 @@ class Run:
 
     @cached_property
     def collection(self) -> Collection:
-        """As records: the run with its studies and what their test images say.
+        """The records of the run with its studies and what their test images say.
 
         Raises:
             RunError: its directory is not there any more, as after `os.chdir` where it was opened by a relative path.

@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
 
 class Regret(NamedTuple):
-    """How far the network that a search found is from the best of its space."""
+    """The distance of the network that a search found from the best of its space."""
 
     #: Row of its fittest elite.
     network: int
-    #: Its mean test loss over the seeds, less the lowest of all networks.
+    #: The network's mean test loss over the seeds, less the lowest of all networks.
     loss: float
-    #: By that mean, from 1.
+    #: The network's rank by that mean, from 1.
     rank: int
 
 
@@ -66,7 +66,7 @@ def open_table(path: str | os.PathLike[str]) -> SpaceTable:
     return SpaceTable(read_table(place))
 
 
-#: What `open_table` takes.
+#: The argument of `open_table`, as error messages name it.
 _TABLE = "the file of a table, as `tacevo tabulate` writes it"
 
 
@@ -110,7 +110,7 @@ class SpaceTable:
 
     @property
     def worth(self) -> pd.DataFrame:
-        """What a fitness is worth after each number of epochs, by each rule; columns: `BY_EPOCHS`.
+        """The worth of a fitness after each number of epochs, by each rule; columns: `BY_EPOCHS`.
 
         The ICC of one training, and Kendall's tau with the test loss at the best epoch under other seeds; networks that
         failed are left out. Without rows where the table has one seed.
@@ -220,12 +220,12 @@ class SpaceTable:
 
     def _scored(self) -> Iterator[dict[str, Any]]:
         for row in self._rows.trainings:
-            verdict, place = row.verdict, {"network": row.network, "seed": row.seed}
+            verdict, columns = row.verdict, {"network": row.network, "seed": row.seed}
             if isinstance(verdict, Rejection):
-                yield {**place, "failed": verdict.reason.value}
+                yield {**columns, "failed": verdict.reason.value}
             else:
                 yield {
-                    **place,
+                    **columns,
                     "epoch": verdict.epoch,
                     "validation_loss": verdict.validation_loss,
                     **verdict.metrics,

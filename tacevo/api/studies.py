@@ -43,21 +43,23 @@ class Study:
         left_out: str = "",
     ) -> None:
         self.recorded_run = run
-        #: Why its re-estimates, which were made, cannot be read; empty where they can be, or there are none.
+        #: The reason why the study's re-estimates, which were made, cannot be read; empty where they can be, or there
+        #: are none.
         self._unread = unread
-        #: Why nothing of it is compared, although it tests networks; empty where its comparison says that.
+        #: The reason why nothing of the study is compared, although it tests networks; empty where its comparison says
+        #: that.
         self._left_out = left_out
         self._finished, self._compared, self._reestimates = finished, compared, reestimates
         self._tables, self._figures = tables, figures
 
     @property
     def name(self) -> str:
-        """Of its directory."""
+        """The name of the study's directory."""
         return self._finished.path.name
 
     @property
     def recorded(self) -> Scored:
-        """What its files hold; raises RunError of a noise run, which has no test scores."""
+        """The content of the study's files; raises RunError of a noise run, which has no test scores."""
         return as_study(self._finished)
 
     @property
@@ -102,7 +104,7 @@ class Study:
 
     @property
     def _uncompared(self) -> str:
-        """Why it has no verdicts."""
+        """The error that says why the study has no verdicts."""
         if self.is_noise:
             return "a noise run tests nothing; `reestimates` has what it found"
         return self._left_out if self._compared is None else self._compared.uncompared
@@ -121,12 +123,12 @@ class Study:
 
     @property
     def tables(self) -> Mapping[str, Table]:
-        """Its tables by name, as `verdicts`."""
+        """The study's tables by name, as `verdicts`."""
         return self._tables(self.name)
 
     @property
     def figures(self) -> Mapping[str, Callable[[], Figure]]:
-        """Its figures by name, as `seed_boxes`; each is a function that draws one."""
+        """The study's figures by name, as `seed_boxes`; each is a function that draws one."""
         return self._figures(self.name)
 
     def __repr__(self) -> str:
@@ -174,7 +176,7 @@ def check_read(unread: Iterable[str]) -> None:
 class Studies(tuple[Study, ...]):
     """The studies of a run, as a tuple, which says in words what is not among them, and why."""
 
-    #: Why others are not shown, a sentence each.
+    #: The reasons why other studies are not shown, a sentence each.
     left_out: tuple[str, ...] = ()
 
     def __repr__(self) -> str:

@@ -33,14 +33,14 @@ class Sweep:
     """A sweep of runs; of a directory, those of its jobs that are finished."""
 
     def __init__(self, name: str, place: Opened, store: str | None) -> None:
-        #: Of its directory, or of its bundle without the ending.
+        #: The name of the sweep's directory, or of its bundle without the ending.
         self.name = name
-        #: Where it lies: a directory or a bundle.
+        #: The place of the sweep: a directory or a bundle.
         self.place = place
         #: The directory of the stores, where it was moved; None for the sweep's own.
         self.store = store
         self._record = SweepDirectory(place.folder).read()
-        #: By the reference that was asked for; None for the sweep's own.
+        #: The records of the sweep by the reference that was asked for; None for the sweep's own.
         self._collected: dict[str | None, SweepCollection] = {}
 
     @property
@@ -114,7 +114,7 @@ class Sweep:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Which jobs have no result or no test score, and why, and which arms no row, a sentence each.
+        """The jobs without a result or a test score, with the reason, and the arms without a row, a sentence each.
 
         First, if it is so, that runs differ which must be one search.
         """
@@ -166,7 +166,7 @@ class Sweep:
             return digest_of(place, replay(place, self.store, view, trusts=trust_parts))
 
     def collection(self, reference: str | None = None) -> SweepCollection:
-        """As records: its runs, the archive that measures them, their comparison with the reference.
+        """The records of the sweep: its runs, the archive that measures them, their comparison with the reference.
 
         Raises:
             RunError: no job is finished, or one of them was edited.

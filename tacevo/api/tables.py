@@ -25,17 +25,17 @@ class Table:
 
     @property
     def caption(self) -> str:
-        """What it shows, in a sentence."""
+        """The sentence that says what the table shows."""
         return self._rows.caption
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How it is read, a sentence each."""
+        """The sentences that say how the table is read."""
         return self._rows.notes
 
     @property
     def frame(self) -> pd.DataFrame:
-        """What its CSV file holds, unrounded: fractions as such, an interval as three columns; empty is missing."""
+        """The content of the CSV file, unrounded: fractions as such, an interval as three columns; empty is missing."""
         return self._rows.frame
 
     def to_latex(self) -> str:

@@ -25,7 +25,7 @@ _TYPES = {
     ".xz": "application/x-xz",
 }
 
-#: What the members that a reader looks for first are.
+#: The descriptions of the members that a reader looks for first, by their names.
 _DESCRIPTIONS = {
     "manifest-sha256.txt": "SHA-256 of every other file",
     "run/ledger.jsonl": "Every decision of the search, one line each, chained by hashes",
@@ -74,6 +74,6 @@ def _add_action(crate: ROCrate, subject: Subject) -> None:
     software = crate.add(SoftwareApplication(crate, "#tacevo", properties=about))
     action = crate.add(ContextEntity(crate, "#search", properties={"@type": "CreateAction", "name": named}))
     action["instrument"] = software
-    ledgers = [crate.get(f"{place}/ledger.jsonl") for place in [f"sweep/{job.name}" for job in jobs] or ["run"]]
+    ledgers = [crate.get(f"{folder}/ledger.jsonl") for folder in [f"sweep/{job.name}" for job in jobs] or ["run"]]
     action["result"] = ledgers if jobs else ledgers[0]
     crate.root_dataset["mentions"] = action

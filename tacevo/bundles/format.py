@@ -23,7 +23,7 @@ from tacevo.storage.zipfiles import LONGEST_NAME, packed, read_members
 #: The store entries (`tacevo.storage.entries`).
 STORE = "store.jsonl.xz"
 
-#: What describes the bundle to people and to archives.
+#: The files that describe the bundle to people and to archives.
 PAPERS = ("CITATION.cff", "LICENSE.txt", "README.md", "ro-crate-metadata.json")
 
 #: A run's own files.
@@ -32,7 +32,7 @@ RUN_FILES = (NOTE, "archive.json", "ledger.jsonl", "prompts.json", "run.json", "
 #: The environment, where it was known.
 LOCK = "requirements.lock"
 
-#: Of a run's own files, those that a bundle may lack.
+#: The files of a run that a bundle may lack.
 _OPTIONAL = {NOTE, "timings.jsonl"}
 
 #: The directory of a sweep, and what it holds beside its runs.
@@ -40,7 +40,7 @@ SWEEP = "sweep"
 
 JOBS = f"{SWEEP}/sweep.json"
 
-#: What the makers of a sweep say of it; a bundle may lack it.
+#: The note that the makers of a sweep wrote on it; a bundle may lack it.
 SWEEP_NOTE = f"{SWEEP}/{NOTE}"
 
 #: Members of every bundle.
@@ -48,7 +48,8 @@ _ALWAYS = {MANIFEST, STORE, *PAPERS}
 
 _WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 
-#: Of a part, of its packages and modules; what a run passes over (`RunDirectory.read_part`) is in no bundle.
+#: The pattern for the names of a part, of its packages and modules; a bundle holds no file that a run passes over
+#: (`RunDirectory.read_part`).
 _NAME = r"(?!__pycache__/)[A-Za-z_][A-Za-z0-9_-]*"
 
 _CANDIDATE = r"g[0-9]+s[0-9]+\.(py|rejected\.txt)"
@@ -67,7 +68,7 @@ _PLACES = re.compile(
 
 _OF_A_JOB = re.compile(rf"{SWEEP}/(?P<job>{_WORD})/candidates/(?P<name>{_CANDIDATE})")
 
-#: What to do about a miss.
+#: The remedy for an entry that is missing.
 _INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
 _MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  ([^\x00-\x1f\x7f]+)")

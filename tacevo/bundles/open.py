@@ -31,7 +31,7 @@ HERE = "cache"
 class Opened:
     """A run or a sweep."""
 
-    #: Its directory.
+    #: The directory of the run or sweep.
     folder: Path
     #: The directory of the stores of a bundle or of a sweep; None where one run's record names them.
     entries: Path | None = None
@@ -39,7 +39,8 @@ class Opened:
     jobs: tuple[str, ...] | None = None
     #: All members of a bundle; None if it is not a bundle.
     root: Member | None = None
-    #: Of a bundle, also where this is one job of it: SHA-256 of its manifest, which stands for every byte of it.
+    #: The digest of a bundle, also where this is one job of it: SHA-256 of its manifest, which stands for every byte of
+    #: it.
     digest: str | None = None
     #: Whether its stores keep the test predictions of studies: the bundle of a sweep leaves them out.
     has_predictions: bool = True

@@ -52,7 +52,8 @@ class Published:
     #: Files in it, and its size in bytes.
     files: int
     size: int
-    #: How many labels of test images are in it, because its studies keep them; each test set of a study counts once.
+    #: The number of labels of test images in the bundle, because its studies keep them; each test set of a study counts
+    #: once.
     test_labels: int
 
 
@@ -205,20 +206,20 @@ def _studies(chosen: Sequence[Path], run: RecordedRun, view: Progress) -> list[S
             if study not in whole:
                 view.say(f"study {study.path.name} is left out: it is not finished, or not about the run as it is")
         return whole
-    by_place = {study.path.resolve(): study for study in whole}
+    by_path = {study.path.resolve(): study for study in whole}
     for path in chosen:
-        if path.resolve() not in by_place:
+        if path.resolve() not in by_path:
             finished = ", ".join(str(study.path) for study in whole) or "none"
             raise RunError(str(path), expected=f"the directory of a finished study of {run.directory.path}: {finished}")
-    return [by_place[place] for place in sorted({path.resolve() for path in chosen})]
+    return [by_path[resolved] for resolved in sorted({path.resolve() for path in chosen})]
 
 
 def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
     """Return the files of staged runs, those that were compared; a sweep's candidates are packed beside them."""
-    place = "run" if staged.jobs is None else SWEEP
+    folder = "run" if staged.jobs is None else SWEEP
     compared = {f"candidates/{name}" for name in runs[0].replayed.files} if staged.jobs is None else set()
     return {
-        f"{place}/{name}": data
+        f"{folder}/{name}": data
         for name, data in files_below(staged.folder).items()
         if "candidates/" not in name or name in compared
     }

@@ -1,4 +1,4 @@
-"""What describes a published run or sweep to people: its README, licence and citation; pure."""
+"""The files that describe a published run or sweep to people: README, licence and citation; pure."""
 
 import contextlib
 import re
@@ -37,12 +37,12 @@ def _is_spdx(licence: str) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Terms:
-    """Under which terms a run is published, and by whom."""
+    """The terms under which a run is published, and its publishers."""
 
     #: SPDX identifier of the bundle's own licence; the code's is Apache-2.0.
     licence: str
     authors: tuple[str, ...]
-    #: As YYYY-MM-DD; empty for the day on which the run ended.
+    #: The day of publication as YYYY-MM-DD; empty for the day on which the run ended.
     published: str
 
     def __post_init__(self) -> None:
@@ -60,19 +60,19 @@ class Terms:
 
     @property
     def licence_address(self) -> str:
-        """Where the licence stands."""
+        """The address of the licence's text."""
         return f"https://spdx.org/licenses/{self.licence}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """What is published."""
+    """The run or sweep that is published."""
 
-    #: One run, or a sweep's runs in the order of its jobs.
+    #: The run, or a sweep's runs in the order of its jobs.
     runs: tuple[RecordedRun, ...]
     #: Digest of each study, by name, for each run.
     studies: tuple[Mapping[str, str], ...]
-    #: Of a sweep.
+    #: The jobs of a sweep; empty for a run.
     jobs: tuple[Job, ...] = ()
     #: The paragraphs of what its makers want readers to know.
     note: tuple[str, ...] = ()
@@ -96,7 +96,7 @@ class Subject:
 
     @property
     def folder(self) -> str:
-        """Where a run of it lies in the bundle, for a person."""
+        """The directory of one of its runs in the bundle, as people are told."""
         return "sweep/JOB" if self.jobs else "run"
 
     @property

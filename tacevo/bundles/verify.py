@@ -32,7 +32,7 @@ class Rerun:
 
     run: RecordedRun
     replayed: Replayed
-    #: By name.
+    #: The run's finished studies, by name.
     studies: Mapping[str, FinishedStudy]
 
     @property
@@ -45,7 +45,7 @@ class Rerun:
 class Verified:
     """A run or a sweep that was run again, and found to be as recorded; of a bundle, with all that is beside it."""
 
-    #: One, or those of a sweep's jobs in their order.
+    #: The run that was made again, or those of a sweep's jobs in their order.
     runs: tuple[Rerun, ...]
     #: Store entries of a bundle, all of which were read; None of a directory, and of one job of a bundle.
     entries: int | None = None
@@ -201,11 +201,11 @@ def compare_tables(there: Mapping[str, bytes], made: Mapping[str, bytes]) -> Non
             raise DivergenceError(different, place=f"table {name}")
 
 
-def files_below(folder: Path, place: str = "") -> dict[str, bytes]:
+def files_below(folder: Path, prefix: str = "") -> dict[str, bytes]:
     """Return the contents of the files below a directory of a bundle, by their place in it."""
     files: dict[str, bytes] = {}
     for path in folder.iterdir():
-        inner = f"{place}{path.name}"
+        inner = f"{prefix}{path.name}"
         files |= files_below(path, f"{inner}/") if path.is_dir() else {inner: path.read_bytes()}
     return files
 

@@ -10,7 +10,7 @@ from analysis.report.collection import outcomes, read_studies
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DONE, tell
-from tacevo.config.deciding import own_axes
+from tacevo.config.recorded_parts import own_axes
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine
 from tacevo.evolution.prompts import SAMPLING

@@ -54,7 +54,7 @@ def _read_ahead(config: dict[str, Json]) -> None:
     with contextlib.suppress(Exception):  # whatever is wrong, the search says in its log
         chosen = from_plain(config)
         if chosen.data.facts.is_looked_up:
-            from tacevo.runs.looked_up import table_of
+            from tacevo.runs.table_answers import table_of
 
             table_of(chosen)
 

@@ -33,7 +33,7 @@ from tacevo.sandbox.protocol import describe
 from tacevo.text import counted
 from tacevo.training.leases import gpu_share
 
-#: How often Ray runs a job again that was lost.
+#: The number of times that Ray runs a lost job again.
 _RETRIES = 5
 
 #: Seconds between two looks at the nodes.
@@ -42,7 +42,7 @@ _TICK = 2.0
 #: Ray's own setting: seconds after which it ends a process that does not reach the head; 60 unless set.
 _PATIENCE_OF_RAY = "RAY_gcs_rpc_server_reconnect_timeout_s"
 
-#: How often a node is looked at that Ray lost while it joined.
+#: The number of looks at a node that Ray lost while it joined.
 _TRIES = 3
 
 #: Seconds that a node which joins may still take when the cluster is closed.
@@ -56,9 +56,9 @@ class _Flight:
     """A job on its way."""
 
     job: bytes
-    #: By Ray's names.
+    #: The resources that the job needs, by Ray's names.
     needs: Mapping[str, float]
-    #: What the thread that asked for it waits for.
+    #: The answer's bytes, for which the thread that asked waits.
     landed: "Future[bytes]" = field(default_factory=Future)
     #: Ray's name for its answer, and the nodes that it may run on.
     ref: Any = None
@@ -101,9 +101,9 @@ class Cluster:
         self._lock = threading.Lock()
         self._flights: set[_Flight] = set()
         self._members: dict[str, ClusterMember] = {}
-        #: How often each node was looked at.
+        #: The number of looks at each node.
         self._tries: Counter[str] = Counter()
-        #: Why no further job can run.
+        #: The error that keeps further jobs from running; None while they can run.
         self._end: SandboxError | None = None
         self._stop = threading.Event()
         self._is_lost = False

@@ -10,12 +10,12 @@ import socket
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from tacevo.cluster.facts import TOKEN, keys_here
+from tacevo.cluster.node_report import TOKEN, keys_here
 from tacevo.environment import install
 from tacevo.errors import ConfigError
 from tacevo.sandbox.protocol import describe
 
-#: What a Ray that we start inherits, by name, unless it holds a key.
+#: The names of the environment variables that a Ray of ours inherits, unless they hold a key.
 _KEPT = re.compile(
     r"PATH|HOME|USER|LOGNAME|SHELL|LANG|LC_\w+|TZ|TMPDIR|LD_LIBRARY_PATH|VIRTUAL_ENV|XDG_\w+"
     r"|(PYTHON|CUDA|NVIDIA|RAY|TACEVO)_?\w*"
@@ -33,7 +33,8 @@ _SETTINGS = {
     "RAY_ENABLE_AUTO_CONNECT": "0",
 }
 
-#: How a user of a cluster is known to it. Without a token, whoever reaches a port of Ray runs code as its user.
+#: The variable that says how a cluster knows its users. Without a token, whoever reaches a port of Ray runs code as its
+#: user.
 _MODE = "RAY_AUTH_MODE"
 
 _ANSWERS = "start it by `ray start --head`; where it asks for a token, set RAY_AUTH_MODE and RAY_AUTH_TOKEN as there"

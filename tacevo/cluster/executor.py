@@ -18,7 +18,7 @@ from tacevo.sandbox.client import RunJob
 class Ray:
     """Runs candidates on the nodes of a Ray cluster (see `tacevo.parts.executor.Executor`)."""
 
-    #: Of the cluster's head, as HOST:PORT, or `auto`; None to start a Ray here.
+    #: The address of the cluster's head, as HOST:PORT, or `auto`; None to start a Ray here.
     address: str | None
     #: Jobs at once, which is the number of slots of a Ray that is started.
     workers: int

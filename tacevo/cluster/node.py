@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from tacevo.cluster import node_images as files
-from tacevo.cluster.facts import Facts, facts_here
 from tacevo.cluster.node_images import Images
+from tacevo.cluster.node_report import Facts, facts_here
 from tacevo.environment import machine
 from tacevo.errors import SandboxError
 from tacevo.parts.executor import Order
@@ -28,7 +28,7 @@ class ClusterNode:
         self._lock = threading.Lock()
         self._zygote: Zygote | None = None
         self._opened: Sandbox | None = None
-        #: What confined the candidate that each thread waits for.
+        #: The measures that confined the candidate that each thread waits for.
         self._held = threading.local()
 
     def look(self) -> Facts:

@@ -30,7 +30,7 @@ class Images:
 
     #: SHA-256 of the file, 64 hex digits.
     digest: str
-    #: Of the file.
+    #: The size of the file, in bytes.
     size: int
 
 

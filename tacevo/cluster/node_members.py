@@ -1,4 +1,4 @@
-"""How a node becomes one that gets jobs: its process is started and checked, and the images are brought there."""
+"""The start of a node that gets jobs: its process is started and checked, and the images are brought there."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from tacevo.choices import Confinement
-from tacevo.cluster.facts import check_alike, facts_here
 from tacevo.cluster.node import ClusterNode
 from tacevo.cluster.node_images import CHUNK, Images
+from tacevo.cluster.node_report import check_alike, facts_here
 from tacevo.cluster.slot import name_of
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.parts.executor import Order
@@ -26,9 +26,9 @@ _SLOWEST = 1e6
 class ClusterMember:
     """A node that gets jobs."""
 
-    #: As people are told.
+    #: The node's name, as people are told.
     name: str
-    #: By Ray's names: CPU, memory in bytes, GPU.
+    #: The node's resources by Ray's names: CPU, memory in bytes, GPU.
     resources: Mapping[str, float]
     level: Confinement
     #: The actor of `Node`.
@@ -41,7 +41,7 @@ class ClusterMember:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Refusal:
-    """Why a node gets no job."""
+    """The reason why a node gets no job."""
 
     #: Ray's id.
     node: str
@@ -50,7 +50,7 @@ class Refusal:
     is_final: bool
 
 
-#: What `ray.nodes` says of a node.
+#: The description of a node by `ray.nodes`.
 Described = Mapping[str, Any]
 
 

@@ -1,1 +1,1 @@
-"""What a user may set: schemas, composition, identity, and the configuration that a run recorded."""
+"""The settings of a user: schemas, composition, identity, and the configuration that a run recorded."""

@@ -20,7 +20,7 @@ from tacevo.choices import (
     SplitRule,
     SystemTurn,
 )
-from tacevo.config.deciding import check_code, constant
+from tacevo.config.recorded_parts import check_code, constant
 from tacevo.config.schema import (
     DataConfig,
     LLMConfig,
@@ -32,7 +32,8 @@ from tacevo.errors import ConfigError
 from tacevo.parts.kinds import ARCHIVES, PARENTS
 from tacevo.records import Kind, Loss, Mode, to_json
 
-#: What a part of a user's may place: its centroids are one entry of a store, and in a bundle a line of 8 MiB at most.
+#: The most coordinates of the centroids that a user's part may place: they are one entry of a store, and in a bundle a
+#: line of 8 MiB at most.
 _MOST_COORDINATES = 250_000
 
 

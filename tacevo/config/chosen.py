@@ -5,7 +5,7 @@ from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from tacevo.config.deciding import chosen, not_ours
+from tacevo.config.recorded_parts import chosen, not_ours
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
 from tacevo.parts.kinds import KINDS, Kind
@@ -13,7 +13,7 @@ from tacevo.parts.making import Given, made
 from tacevo.parts.registry import Part, find
 from tacevo.records import Json, to_json
 
-#: What stands for a setting that must be given, as Hydra writes it.
+#: The text that stands for a setting that must be given, as Hydra writes it.
 UNGIVEN = "???"
 
 #: Kinds whose settings name one part, which decides no results.
@@ -37,7 +37,7 @@ class OpenPart:
     """A part that decides nothing and that a user brought: it runs in this process."""
 
     name: str
-    #: Its own settings at their defaults; `UNGIVEN` where one must be given.
+    #: The part's own settings at their defaults; `UNGIVEN` where one must be given.
     settings: Mapping[str, Json]
 
 

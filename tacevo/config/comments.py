@@ -1,4 +1,4 @@
-"""What each setting is, as the comments of the schema say: those above its line, or the one behind it."""
+"""The meaning of each setting, from the comments of the schema: those above its line, or the one behind it."""
 
 import ast
 from dataclasses import fields, is_dataclass

@@ -1,4 +1,4 @@
-"""From what a user typed to a checked configuration: the only module that composes with Hydra."""
+"""The composition of a checked configuration from what a user typed; no other module composes with Hydra."""
 
 import contextlib
 import itertools

@@ -47,7 +47,7 @@ class _Files(ConfigRepository):
 
 
 class _Once(ConfigRepository):
-    """What one composition has of the files: each config as one object, which Hydra changes as it goes."""
+    """The configs of one composition, read from the files: one object each, which Hydra changes as it goes."""
 
     def __init__(self, files: _Files) -> None:
         self.sources = files.sources

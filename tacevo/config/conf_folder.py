@@ -1,4 +1,4 @@
-"""Where the configs lie, which choices each group has, and the files that they name."""
+"""The directory of the configs, the choices of each group, and the files that they name."""
 
 import contextlib
 import os

@@ -25,7 +25,7 @@ _OF_A_RUN = {
     *("executor", "store"),
 }
 
-#: What a network may be called, since tables, figures and file names bear its name.
+#: The pattern for the name of a given network, since tables, figures and file names bear its name.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}")
 
 

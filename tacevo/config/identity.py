@@ -1,11 +1,11 @@
-"""What decides the results of a run, and its hash."""
+"""The settings that decide the results of a run, and their hash."""
 
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
 
 from tacevo.choices import OPTIONAL_SAMPLING
-from tacevo.config.deciding import parts_identity
+from tacevo.config.recorded_parts import parts_identity
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash

@@ -19,7 +19,7 @@ from tacevo.records import to_json
 #: The files of a task, by the settings that name them.
 _FILES = {"baseline": "baseline.py", "instructions": "instructions.yaml", "system": "system.md"}
 
-#: What Hydra reads as another value than text.
+#: The words that Hydra reads as another value than text.
 _VALUES = frozenset({"null", "true", "false", "inf", "nan"})
 
 

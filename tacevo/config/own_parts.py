@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tacevo.config.chosen import UNGIVEN, OpenPart
-from tacevo.config.deciding import DECIDING, code_hash, not_ours
+from tacevo.config.recorded_parts import DECIDING, code_hash, not_ours
 from tacevo.config.removed import removed
 from tacevo.errors import ConfigError, PartError
 from tacevo.parts.kinds import KINDS, Kind
@@ -20,7 +20,7 @@ from tacevo.records import Json
 from tacevo.sandbox.part_process import PartProcess, Recorded
 from tacevo.text import listed, nearest
 
-#: What parts have said of themselves, by the question.
+#: The answers of parts about themselves, by the question.
 _ASKED: dict[str, Json] = {}
 
 #: The types of settings, in words.
@@ -33,7 +33,7 @@ class Setting:
 
     #: `int`, `float`, `bool` or `str`.
     type: str
-    #: None where it must be given.
+    #: The default of the setting; None where it must be given.
     default: Json
 
 
@@ -48,7 +48,7 @@ class OwnPart:
 
     @property
     def name(self) -> str:
-        """What a run calls it."""
+        """The name by which a run records the part."""
         return self.recorded.name
 
 

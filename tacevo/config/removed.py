@@ -1,4 +1,4 @@
-"""What was a setting, a value or a choice in an earlier release: refused by name, unless it says nothing.
+"""Settings, values and choices of earlier releases: refused by name, unless they say nothing.
 
 Configurations of older runs hold settings that are gone. Most of them said nothing there, and are read as if they were
 not there; a run that used one cannot be read, and its error says what to use now.
@@ -19,7 +19,7 @@ class _Setting:
     #: The setting of its group that it stood behind in run.json.
     behind: str
     default: int | float
-    #: What a user can do now.
+    #: The remedy: what a user can do now.
     instead: str
     #: Whether it worked by itself, and not only beside a value that is refused.
     worked_alone: bool = False

@@ -1,4 +1,4 @@
-"""What a user may write in a config: one dataclass a group, whose annotations are the ranges.
+"""The schema of a config: one dataclass a group, whose annotations are the ranges.
 
 Settings that depend on each other are checked in `tacevo.config.checks`. The layers below the wiring receive values,
 never these. An enum's member names are what users write. The reasons for the defaults stand in docs/paper.md. Numbers
@@ -120,7 +120,7 @@ class TaskConfig(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class DataConfig(Record):
-    """Where the images come from, and how they are prepared."""
+    """The source of the images, and how they are prepared."""
 
     source: Text  #: what holds the images: the name of a part, as `provider`, `kind` of executors and of trackers
     #: Height and width, in pixels.
@@ -174,7 +174,7 @@ class DataConfig(Record):
 
     @property
     def facts(self) -> SourceFacts:
-        """What is known of the source by its name."""
+        """The facts that are known of the source by its name."""
         return source_facts(self.source)
 
     @property
@@ -210,7 +210,7 @@ UNCHOSEN = "a model of your choice"
 
 @dataclass(frozen=True, kw_only=True)
 class LLMConfig(Record):
-    """Who answers the requests, and how the answers are recorded."""
+    """The model that answers the requests, and how the answers are recorded."""
 
     provider: Text  #: who answers
     model: Annotated[str, is_a("a model's name", bool)]  #: its name
@@ -246,12 +246,12 @@ class LLMConfig(Record):
 
     @property
     def facts(self) -> ProviderFacts:
-        """What is known of the provider by its name."""
+        """The facts that are known of the provider by its name."""
         return provider_facts(self.provider)
 
     @property
     def name(self) -> str:
-        """What the model is called in requests and records: its label, if it has one."""
+        """The name of the model in requests and records: its label, if it has one."""
         return self.label or self.model
 
 
@@ -268,7 +268,7 @@ class TemperatureConfig(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class PromptsConfig(Record):
-    """How instructions are chosen."""
+    """The choice of instructions."""
 
     policy: Part  #: how an instruction is drawn
     #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
@@ -321,7 +321,7 @@ class TrainingConfig(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class GateConfig(Record):
-    """What an admitted candidate may be."""
+    """The limits of an admitted candidate."""
 
     max_parameters: AtLeast1  #: of a candidate
     max_flops: AtLeast1  #: of one image
@@ -334,14 +334,14 @@ class GateConfig(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class SandboxConfig(Record):
-    """How candidates are confined."""
+    """The confinement of candidates."""
 
     require: Confinement  #: the least confinement that is accepted
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExecutorConfig(Record):
-    """Where candidates are evaluated, and how many at once."""
+    """The executor of candidates: where they are evaluated, and how many at once."""
 
     kind: Text  #: this machine, or Ray
     workers: OneToMillion  #: candidates at once
@@ -360,7 +360,7 @@ class ExecutorConfig(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class NumericsConfig(Record):
-    """Which promise training bits keep."""
+    """The promise that training bits keep."""
 
     kind: Numerics  #: equal bits on every CPU with AVX2, or on equal hardware and faster
 
@@ -381,28 +381,28 @@ class TrackingConfig(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class StoreConfig(Record):
-    """Where answers are recorded."""
+    """The store in which answers are recorded."""
 
     root: Text  #: the directory of the stores
 
 
 @dataclass(frozen=True, kw_only=True)
 class OutputConfig(Record):
-    """Where a run is written; None names a directory after the task, the seed and the configuration."""
+    """The directory of a run; None names one after the task, the seed and the configuration."""
 
     dir: Text | None = None  #: the directory of the run; null for one in runs/
 
 
 @dataclass(frozen=True, kw_only=True)
 class PartCode(Record):
-    """What the results of a run depend on of a part that a user brought, beside its settings."""
+    """The code of a part that a user brought, on which the results of a run depend, beside its settings."""
 
     #: The kind of the part (`tacevo.parts.kinds`).
     kind: Literal["parents", "prompts", "temperatures", "archives", "descriptors", "fitness"]
-    #: Where its class is: the dotted name of its module, and its own.
+    #: The place of its class: the dotted name of its module, and its own.
     module: Annotated[str, is_a("a module's name", re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*").fullmatch)]
     attribute: Identifier
-    #: Of its sources (`tacevo.config.deciding.code_hash`).
+    #: The digest of its sources (`tacevo.config.recorded_parts.code_hash`).
     sha256: Annotated[str, is_a("64 hex digits", re.compile(r"[0-9a-f]{64}").fullmatch)]
     #: The constants of its class that others look at.
     constants: Mapping[str, bool] = field(default_factory=dict)
@@ -431,7 +431,7 @@ class RunConfig(Record):
     run: OutputConfig = OutputConfig()
     #: Settings of parts that a user brought, by the name of the part.
     parts: Mapping[str, Mapping[str, FreeJson]] = field(default_factory=dict)
-    #: Those of them that decide results, as composing found them.
+    #: The code of the parts among them that decide results, as composing found it.
     code: Mapping[str, PartCode] = field(default_factory=dict)
 
     LATER: ClassVar[frozenset[str]] = frozenset({"parts", "code"})

@@ -1,4 +1,4 @@
-"""Which settings of `data` each source uses, one without effect is refused; and which a study has of its own."""
+"""The settings of `data` that each source uses (others are refused), and those that a study has of its own."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
@@ -12,7 +12,7 @@ from tacevo.parts.registry import find
 from tacevo.records import Json
 from tacevo.storage.canonical import canonical
 
-#: What a study may set for its trainings that is not its run's, beside data.
+#: The settings, beside data, that a study may have for its trainings other than its run's.
 DEVICE = (
     *("numerics", "numerics.kind", "sandbox.require"),
     *("training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"),
@@ -42,7 +42,7 @@ def _is_release(config: RunConfig) -> bool:
     return config.data.facts.is_release
 
 
-#: What a setting may need beside its source, in words and as a rule.
+#: A condition of a setting beside its source, in words and as a rule.
 _Need = tuple[str, Callable[[RunConfig], bool]]
 
 _NAMED: _Need = (
@@ -67,7 +67,7 @@ _TABLE: _Need = (
     lambda config: config.task.name not in _PRESSED or not _is_release(config),
 )
 
-#: What each setting needs that does not always have an effect.
+#: The conditions of each setting that does not always have an effect.
 _NEEDS: Mapping[str, tuple[_Need, ...]] = {
     "images": (_SELECTS,),
     "spacings_mm": (_GRATING, _SELECTS),

@@ -1,4 +1,4 @@
-"""What a user may set for a study or a noise run; see `tacevo.config.schema`."""
+"""The settings of a study or a noise run; see `tacevo.config.schema`."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -27,9 +27,9 @@ def _is_named(value: str | None) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyStoreConfig(Record):
-    """Where trainings are recorded."""
+    """The place where trainings are recorded."""
 
-    #: None for where the run has its stores.
+    #: The directory of the stores; None for that of the run's.
     root: Text | None
 
 
@@ -37,7 +37,7 @@ class StudyStoreConfig(Record):
 class Margin(Record):
     """The largest difference from the baseline that still counts as equality."""
 
-    #: In parts of the baseline's median or errors (0.1 is 10 %), or in the unit of the metric.
+    #: The largest difference, in parts of the baseline's median or errors (0.1 is 10 %), or in the unit of the metric.
     value: Positive
     kind: MarginKind
 
@@ -56,15 +56,15 @@ class Margin(Record):
 class MarginsConfig(Record):
     """A margin for each kind of task."""
 
-    #: Of the test MSE.
+    #: The margin of the test MSE.
     regression: Margin
-    #: Of the test accuracy, in [0, 1].
+    #: The margin of the test accuracy, in [0, 1].
     classification: Margin
 
 
 @dataclass(frozen=True, kw_only=True)
 class _TrainedAgain(Record):
-    """What a study and a noise run have in common."""
+    """The settings that a study and a noise run have in common."""
 
     executor: ExecutorConfig
     #: The directory of a finished run; None where a sweep is named, or networks are given.
@@ -82,14 +82,14 @@ class StudyConfig(_TrainedAgain):
 
     #: Files of given networks, directories and patterns of such; () where a run has them, or for the baseline alone.
     networks: Annotated[tuple[Text, ...], BeforeValidator(_as_tuple)]
-    #: Of a sweep, those whose jobs are studied; () for all.
+    #: The arms of a sweep whose jobs are studied; () for all.
     arms: Annotated[tuple[Text, ...], BeforeValidator(_as_tuple)]
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: OneToMillion
-    #: What `best` means.
+    #: The quantity by which the best elites are chosen.
     choose: ChosenBy
     epochs: OneToMillion
-    #: What one training may use.
+    #: The wall time of one training, at most.
     seconds: Positive
     memory_mib: Memory
     #: Level of the tests, which Holm's correction keeps over all variants.
@@ -103,5 +103,5 @@ class StudyConfig(_TrainedAgain):
 class NoiseConfig(_TrainedAgain):
     """The search's own training of a run's elites and its baseline, with other seeds."""
 
-    #: How many elites of the network archive, best validation fitness first; the baseline comes on top.
+    #: The number of elites of the network archive, or all, best validation fitness first; the baseline comes on top.
     elites: Annotated[int | str, is_a("all, or an integer of at least 1", _is_all_or_count)]

@@ -11,8 +11,8 @@ import yaml
 
 from tacevo.errors import ConfigError
 
-#: Where the page has the instructions and the system prompt of a task, by the ids of its headings, and how many
-#: instructions there are.
+#: The headings of the page, by their ids, below which the instructions and the system prompt of a task stand, and the
+#: number of instructions.
 _SECTIONS = {
     "force": ("sec-force-prompts", "sec-force-sys", 20),
     "grating": ("sec-grating-prompts", "sec-grating-sys", 17),

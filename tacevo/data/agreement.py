@@ -11,7 +11,7 @@ from tacevo.records import Kind
 #: Fields of a catalogue with an item for each label, where they are not None.
 _EACH = ("pictures", "groups", "files", "places")
 
-#: The same, or empty.
+#: The fields of a catalogue that have one value for each picture, or none at all.
 _EACH_OR_NONE = ("depths", "extents")
 
 

@@ -41,7 +41,7 @@ STATISTICS = ("mean", "deviation", "offset", "scale")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Facts(Record):
-    """What stands in `facts.json`; the fields are those of `Dataset`."""
+    """The content of `facts.json`; the fields are those of `Dataset`."""
 
     facts: DataFacts
     mean: tuple[float, ...]
@@ -63,10 +63,10 @@ class Dataset:
     train: npt.NDArray[np.int64]
     validation: npt.NDArray[np.int64]
     test: npt.NDArray[np.int64]
-    #: Per channel, in units of the pixel values 0 to 255: input = (pixel - mean) / deviation.
+    #: The mean of each channel, in units of the pixel values 0 to 255: input = (pixel - mean) / deviation.
     mean: tuple[float, ...]
     deviation: tuple[float, ...]
-    #: Per output, in the units of the recording; empty for classification.
+    #: The offset of each output, in the units of the recording; empty for classification.
     offset: tuple[float, ...]
     scale: tuple[float, ...]
 

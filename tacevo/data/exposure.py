@@ -1,4 +1,4 @@
-"""What is probably wrong with the light of images that can be used."""
+"""The probable faults in the light of images that can be used."""
 
 import math
 from collections import Counter

@@ -1,4 +1,4 @@
-"""What of a directory is not in the data set, or lies elsewhere, where a user may not expect it."""
+"""The files of a directory that are not in the data set, or lie elsewhere, where a user may not expect it."""
 
 from collections import Counter
 from collections.abc import Iterator

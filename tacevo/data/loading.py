@@ -1,4 +1,4 @@
-"""From a source to a finished data set, made once and then kept in a cache.
+"""The loading of a finished data set from a source: it is made once and then kept in a cache.
 
 Promises: an entry of the cache is whole or absent, however many processes start at once and whenever one is
 killed (`staging`); the number of workers cannot change a byte; faults of names, tables and image headers

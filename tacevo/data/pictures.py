@@ -23,7 +23,7 @@ from tacevo.records import Kind
 from tacevo.storage.files import write_durably
 from tacevo.text import unbroken
 
-#: What a figure can be saved as, with what else Matplotlib would note in the file.
+#: The formats of a figure's file, with the notes that Matplotlib must leave out of it.
 FORMATS: dict[str, dict[str, Any]] = {
     ".png": {"Software": None},
     ".pdf": {"Creator": None, "Producer": None, "CreationDate": None},
@@ -53,7 +53,7 @@ FONT = 6.5
 
 DOTS_PER_INCH = 300
 
-#: On a screen, where two columns of a paper are then about 1,070 pixels wide.
+#: The resolution on a screen, where two columns of a paper are then about 1,070 pixels wide.
 SCREEN_DOTS_PER_INCH = 150
 
 _STYLE: list[str | dict[str, Any]] = [
@@ -136,8 +136,8 @@ def _samples(dataset: Dataset, units: tuple[str, ...]) -> list[int]:
 
 def _even(rows: npt.NDArray[np.int64], count: int) -> list[int]:
     """Take `count` rows at even steps, the first and the last among them; all where there are fewer."""
-    places = np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(np.int64)
-    return [int(row) for row in rows[places]]
+    indices = np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(np.int64)
+    return [int(row) for row in rows[indices]]
 
 
 def _draw(

@@ -27,7 +27,7 @@ from tacevo.storage.canonical import canonical
 #: Joins the names of several sensors.
 AND = "+"
 
-#: What a recording may call the parts of its split, in lower case.
+#: The names, in lower case, that a recording may give to the parts of its split.
 PART_NAMES = {
     **dict.fromkeys(("train", "training"), "train"),
     **dict.fromkeys(("val", "valid", "validation"), "validation"),
@@ -37,18 +37,20 @@ PART_NAMES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensors:
-    """What a user asks for of a recording that names sensors, parts or both."""
+    """The request of a user to a recording that names sensors, parts or both."""
 
-    #: What names the sensor of each image, and its part: a column, an array or a level of directories; None: nothing.
+    #: The names of the column, array or level of directories that holds each image's sensor, and its part; None:
+    #: nothing does.
     sensor_column: str | None = None
     split_column: str | None = None
     #: The sensors that are taken, joined by `+`; `*` for all.
     sensor: str = ALL_SENSORS
     #: The sensor that is tested, which then does not train.
     test_sensor: str | None = None
-    #: How much of its training part trains, too: groups of each class, or images where no groups are known.
+    #: The amount of the tested sensor's training part that trains, too: groups of each class, or images where no groups
+    #: are known.
     shots: int = 0
-    #: Of the shots; and of a random split, whose parts these are.
+    #: The seed of the shots, and of a random split, whose parts the next field has.
     seed: int = 0
     held_out: tuple[float, float] = TENTHS
 
@@ -73,7 +75,7 @@ class Sensors:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """What names the sensors and the parts, in this order, as far as something does."""
+        """The columns, arrays or levels that name the sensors and the parts, in this order, as far as there are any."""
         return tuple(column for column in (self.sensor_column, self.split_column) if column is not None)
 
     @property
@@ -100,14 +102,14 @@ class Sensors:
         return {"sensors": described}
 
 
-#: Of a recording that names neither sensors nor parts.
+#: The settings for a recording that names neither sensors nor parts.
 NONE_NAMED = Sensors()
 
 
 class Named(NamedTuple):
-    """What a recording says of all its images. A group is of one sensor: presses may be numbered anew for each."""
+    """The names that a recording gives to its images. A group is of one sensor: each may number its presses anew."""
 
-    #: What a message calls each.
+    #: The name of each image in messages.
     places: Sequence[str]
     #: The texts that name the sensor of each, and its part; None where nothing names them.
     sensors: Sequence[str] | None
@@ -230,8 +232,8 @@ def _dealt_parts(asked: Sensors, named: Named, sensors: npt.NDArray[np.object_])
     """Deal all images out at random, each class of each sensor evenly."""
     classes = np.zeros(len(sensors), np.int64) if named.classes is None else named.classes
     kinds = sorted(set(zip(sensors.tolist(), classes.tolist(), strict=True)))
-    number = {kind: place for place, kind in enumerate(kinds)}
-    strata = np.array([number[kind] for kind in zip(sensors.tolist(), classes.tolist(), strict=True)], np.int64)
+    numbers = {kind: number for number, kind in enumerate(kinds)}
+    strata = np.array([numbers[kind] for kind in zip(sensors.tolist(), classes.tolist(), strict=True)], np.int64)
     split = dealt(
         len(sensors),
         asked.seed,

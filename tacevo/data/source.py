@@ -1,4 +1,4 @@
-"""What sources of tactile images (`tacevo.parts.source`) say of faults."""
+"""The words in which sources of tactile images (`tacevo.parts.source`) report faults."""
 
 from collections.abc import Hashable, Iterable, Sequence
 from functools import partial
@@ -7,10 +7,11 @@ import tacevo.text
 from tacevo.errors import DataError
 from tacevo.records import Json
 
-#: How many faults a message spells out before it only counts them.
+#: The number of faults that a message spells out before it only counts them.
 SHOWN_FAULTS = 5
 
-#: How many names of columns, files or directories a message lists, and how much of one text it shows.
+#: The number of names of columns, files or directories that a message lists, and of the characters of one text that it
+#: shows.
 SHOWN_NAMES, SHOWN_CHARACTERS = 10, 60
 
 

@@ -1,4 +1,4 @@
-"""Which images are for training, for validation and for the test: by a seed, or in the order of a release.
+"""The images for training, for validation and for the test: by a seed, or in the order of a release.
 
 Promises: the three parts are disjoint and complete, and images that were recorded together are never in two.
 """
@@ -17,8 +17,8 @@ from tacevo.randomness import stream
 TENTHS = (0.1, 0.1)
 
 
-#: How often groups that a setting names are dealt out, for the split that is nearest to the wanted sizes. Groups that a
-#: source itself has are dealt out once: their splits are older than this, and stay.
+#: The number of times that groups are dealt out which a setting names, for the split that is nearest to the wanted
+#: sizes. Groups that a source itself has are dealt out once: their splits are older than this, and stay.
 TRIES = 100
 
 #: The fields of `tacevo.parts.source.Split`.
@@ -94,8 +94,8 @@ def random_split(
 
     def dealt() -> Split:
         order = _spread(rng.permutation(len(sizes)), None if classes is None else classes[first])
-        place_of_group = np.argsort(order)
-        rows = np.argsort(place_of_group[members], kind="stable")
+        rank_of_group = np.argsort(order)
+        rows = np.argsort(rank_of_group[members], kind="stable")
         return _split_at(rows, _group_ends(np.cumsum(sizes[order]), ends))
 
     return min((dealt() for _ in range(tries)), key=lambda split: _misfit(split, (train, validation, test), classes))
@@ -125,14 +125,14 @@ def _spread(order: npt.NDArray[np.int64], classes: npt.NDArray[np.int64] | None)
         return order
     share, turn = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
     for number in np.unique(classes):
-        places = np.flatnonzero(classes[order] == number)
-        share[order[places]] = (np.arange(len(places)) + 0.5) / len(places)
-        turn[order[places]] = places[0]  # classes take turns in one order, so that no stretch lacks one
+        indices = np.flatnonzero(classes[order] == number)
+        share[order[indices]] = (np.arange(len(indices)) + 0.5) / len(indices)
+        turn[order[indices]] = indices[0]  # classes take turns in one order, so that no stretch lacks one
     return np.lexsort((turn, share))
 
 
 def _nearest(sums: npt.NDArray[np.int64], target: int) -> int:
-    """How many groups to take so that their rows come nearest to a number; the fewer on a tie."""
+    """The number of groups to take so that their rows come nearest to a number; the fewer on a tie."""
     return int(np.argmin(np.abs(sums - target))) + 1
 
 

@@ -107,10 +107,10 @@ def reserve(file: BinaryIO, size: int) -> None:
     except OSError as error:
         if error.errno not in NO_ROOM:
             raise
-        place = Path(file.name).parent.parent
+        folder = Path(file.name).parent.parent
         raise DataError(
-            f"{shutil.disk_usage(place).free:,} ({error.strerror})",
-            place=str(place),
+            f"{shutil.disk_usage(folder).free:,} ({error.strerror})",
+            place=str(folder),
             expected=f"{size:,} free bytes for the images",
             remedy=REMEDY,
         ) from error

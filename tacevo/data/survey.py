@@ -1,4 +1,4 @@
-"""What a finished data set holds: what a person wants to know of it before a search.
+"""The survey of a finished data set: what a person wants to know of it before a search.
 
 Nothing of it reaches a training; the test split may be looked at. Of images that are nearly equal, frames whose light
 or position changes are not found, nor all of a large data set.
@@ -24,7 +24,7 @@ SIDE = 16
 #: images of the training split, on average. Of 3,000 simulated presses, at most one is that near to another.
 ALIKE = 200
 
-#: Most images that are compared of a part, at even steps.
+#: The largest number of images of a part that are compared, at even steps.
 _MOST = 10_000
 
 

@@ -19,7 +19,7 @@ from fractions import Fraction
 
 from tacevo.choices import PAPER_AXES
 from tacevo.errors import ConfigError
-from tacevo.evolution.archive import AddStatus, Elite, Growing, Individual, coverage, qd_score
+from tacevo.evolution.archive import AddStatus, Elite, Individual, PersistentMap, coverage, qd_score
 from tacevo.evolution.descriptors import describe
 from tacevo.evolution.development import Effects, Outcome, develop
 from tacevo.evolution.lines import (
@@ -226,7 +226,9 @@ def _with_effect(state: SearchState, plan: Plan, line: CandidateLine) -> SearchS
     return replace(state, prompts=state.prompts.learning(line.prompt, change))
 
 
-def _learned(candidates: Growing[str, Candidate], proposal: Proposal, child: Candidate) -> Growing[str, Candidate]:
+def _learned(
+    candidates: PersistentMap[str, Candidate], proposal: Proposal, child: Candidate
+) -> PersistentMap[str, Candidate]:
     """Add a candidate, and its curiosity to that of the parent that it is a mutation of."""
     for name in proposal.parents if proposal.operator is Operator.mutation else ():
         candidates = candidates.adding(name, candidates[name].with_child(child.curiosity))

@@ -29,7 +29,7 @@ V = TypeVar("V")
 Point = tuple[float, ...]
 
 
-class Growing(Mapping[K, V]):
+class PersistentMap(Mapping[K, V]):
     """A mapping without a way to change it, whose keys are in the order in which they first came.
 
     Mappings that grew from one another share one log of writes, to which only the longest of them appends; each knows
@@ -37,26 +37,26 @@ class Growing(Mapping[K, V]):
     first. The log keeps values that were replaced.
     """
 
-    __slots__ = ("_keys", "_log", "_places", "_writes")
+    __slots__ = ("_indices", "_keys", "_log", "_writes")
 
     def __init__(self) -> None:
         self._log: list[V] = []
-        #: Where in the log the values of a key stand, in order.
-        self._places: dict[K, list[int]] = {}
-        #: How many writes, and how many keys, are this mapping's own.
+        #: The indices in the log of the values of a key, in order.
+        self._indices: dict[K, list[int]] = {}
+        #: The number of writes, and of keys, that are this mapping's own.
         self._writes = self._keys = 0
 
-    def adding(self, key: K, value: V) -> "Growing[K, V]":
+    def adding(self, key: K, value: V) -> "PersistentMap[K, V]":
         """Return the mapping with a value under a key, new or instead of its former value; this one stays as it is."""
-        grown: Growing[K, V] = Growing()
+        grown: PersistentMap[K, V] = PersistentMap()
         if self._writes == len(self._log):
-            grown._log, grown._places = self._log, self._places
+            grown._log, grown._indices = self._log, self._indices
         else:
-            grown._log, grown._places = list(self.values()), {name: [index] for index, name in enumerate(self)}
-        places = grown._places.setdefault(key, [])
-        places.append(len(grown._log))
+            grown._log, grown._indices = list(self.values()), {name: [index] for index, name in enumerate(self)}
+        indices = grown._indices.setdefault(key, [])
+        indices.append(len(grown._log))
         grown._log.append(value)
-        grown._writes, grown._keys = len(grown._log), self._keys + (len(places) == 1)
+        grown._writes, grown._keys = len(grown._log), self._keys + (len(indices) == 1)
         return grown
 
     def __getitem__(self, key: K) -> V:
@@ -66,16 +66,16 @@ class Growing(Mapping[K, V]):
             KeyError: the key is not in it.
         """
         if self._writes == len(self._log):  # nothing has grown from it, as is usual
-            return self._log[self._places[key][-1]]
-        places = self._places.get(key, [])
-        own = bisect_left(places, self._writes)
+            return self._log[self._indices[key][-1]]
+        indices = self._indices.get(key, [])
+        own = bisect_left(indices, self._writes)
         if own == 0:
             raise KeyError(key)
-        return self._log[places[own - 1]]
+        return self._log[indices[own - 1]]
 
     def __iter__(self) -> Iterator[K]:
         """Iterate over the keys in the order in which they first came."""
-        return iter(list(islice(self._places, self._keys)))
+        return iter(list(islice(self._indices, self._keys)))
 
     def __len__(self) -> int:
         """Return the number of keys."""
@@ -87,7 +87,7 @@ _AT_ONCE = 1_000
 
 
 class AddStatus(StrEnum):
-    """What an insertion did; `rejected` leaves the archive as it was."""
+    """The result of an insertion; `rejected` leaves the archive as it was."""
 
     new = "new"
     improved = "improved"
@@ -99,7 +99,7 @@ class Elite:
     """The occupant of a niche."""
 
     name: str
-    #: What elites of one niche compete by; higher is better.
+    #: The quantity by which elites of one niche compete; higher is better.
     objective: float
 
 
@@ -107,7 +107,7 @@ class Elite:
 class Archive:
     """The elites, by niche."""
 
-    elites: Growing[int, Elite] = field(default_factory=Growing)
+    elites: PersistentMap[int, Elite] = field(default_factory=PersistentMap)
 
 
 class Tessellation:
@@ -135,10 +135,10 @@ class Tessellation:
         for point in points:
             if len(point) != dimensions or not all(math.isfinite(value) for value in point):
                 raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
-        places = np.asarray(points, dtype=np.float64).reshape(-1, dimensions)
+        coordinates = np.asarray(points, dtype=np.float64).reshape(-1, dimensions)
         niches: list[int] = []
         # A tree would take longer to import than a search takes to look through some hundred centroids.
-        for part in np.split(places, range(_AT_ONCE, len(places), _AT_ONCE)):
+        for part in np.split(coordinates, range(_AT_ONCE, len(coordinates), _AT_ONCE)):
             distances = ((part[:, None] - self.centroids) ** 2).sum(axis=2)
             niches += distances.argmin(axis=1).tolist()
         return niches
@@ -202,22 +202,22 @@ def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStat
 class TopK:
     """An archive without niches: so many places for the best networks of all."""
 
-    #: How many, at least 1.
+    #: The number of niches, at least 1.
     niches: int
 
-    def place_of(self, archive: Archive, newcomer: Elite) -> int:
+    def index_of(self, archive: Archive, newcomer: Elite) -> int:
         """Find the place that a newcomer competes for; `insert` then decides as in a niche.
 
         One exactly as fit as a network that is kept competes with that one, and loses the tie: a network that comes
         twice, which has the same fitness twice, holds one place only. Any other takes the first empty place; where
         there is none, it competes with the least fit.
         """
-        for place, elite in archive.elites.items():
+        for index, elite in archive.elites.items():
             if elite.objective == newcomer.objective:
-                return place
+                return index
         if len(archive.elites) < self.niches:
             return len(archive.elites)
-        return min(archive.elites, key=lambda place: archive.elites[place].objective)
+        return min(archive.elites, key=lambda index: archive.elites[index].objective)
 
 
 def coverage(archive: Archive, niches: int) -> float:
@@ -271,12 +271,12 @@ class NetworkArchive:
     """
 
     archive: Archive = field(default_factory=Archive)
-    #: None until the first candidate arrives, and for an archive without niches.
+    #: The bounds of the axes; None until the first candidate arrives, and for an archive without niches.
     bounds: AxisBounds | None = None
     #: Bounds given by the config never move.
     fixed: bool = False
     #: Every candidate offered so far by its name, in order.
-    history: Growing[str, Individual] = field(default_factory=Growing)
+    history: PersistentMap[str, Individual] = field(default_factory=PersistentMap)
 
     @property
     def digest(self) -> str:
@@ -291,9 +291,9 @@ class NetworkArchive:
         """
         if isinstance(niches, Tessellation):
             return self._offer_to_niche(niches, newcomer)
-        place = niches.place_of(self.archive, newcomer.elite)
-        archive, status = insert(self.archive, place, newcomer.elite)
-        return replace(self, archive=archive, history=self._with(newcomer)), place, status
+        index = niches.index_of(self.archive, newcomer.elite)
+        archive, status = insert(self.archive, index, newcomer.elite)
+        return replace(self, archive=archive, history=self._with(newcomer)), index, status
 
     def _offer_to_niche(self, niches: Tessellation, newcomer: Individual) -> tuple["NetworkArchive", int, AddStatus]:
         bounds = self.bounds or AxisBounds(low=newcomer.point, high=newcomer.point)
@@ -306,7 +306,7 @@ class NetworkArchive:
         archive, status = insert(archive, niche, newcomer.elite)
         return replace(self, archive=archive, bounds=bounds, history=self._with(newcomer)), niche, status
 
-    def _with(self, newcomer: Individual) -> Growing[str, Individual]:
+    def _with(self, newcomer: Individual) -> PersistentMap[str, Individual]:
         return self.history.adding(newcomer.elite.name, newcomer)
 
 

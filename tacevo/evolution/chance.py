@@ -10,14 +10,14 @@ from tacevo.rounding import significant
 #: search on some fifty validation images, one or two lie a few per cent below it, though nothing was learned.
 MARGIN = 0.05
 
-#: What to raise where no network learned, and where none beat the baseline.
+#: The settings to raise where no network learned, and where none beat the baseline.
 _LEARN = "Raise training.epochs{or_images}, or change training.learning_rate; then search.candidates or llm.model."
 _FIND = (
     "Raise search.candidates or search.generations, or try another llm.model; then training.epochs{and_images} "
     "or training.learning_rate."
 )
 
-#: What these say of images, of a source that has the setting.
+#: The words of these remedies about images, for a source that has the setting.
 _IMAGES = {"or_images": " or data.images", "and_images": ", data.images"}
 
 _USE = "No answer could be used: see the reasons of the gate, then try another llm.model or a larger llm.max_tokens."

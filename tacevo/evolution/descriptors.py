@@ -19,7 +19,7 @@ from tacevo.profile import Graph, Profile
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Descriptor:
-    """Where a network lies in behaviour space, with the parts that its first coordinate is the mean of."""
+    """The point of a network in behaviour space, with the parts whose mean is its first coordinate."""
 
     #: Architectural diversity, the mean of `entropy`, `density` and `variation`; >= 0.
     arch_div: float

@@ -1,4 +1,4 @@
-"""From proposals to outcomes: the expensive half of a generation, with every effect passed in."""
+"""The development of proposals into outcomes: the expensive half of a generation, with every effect passed in."""
 
 import heapq
 import threading
@@ -42,7 +42,7 @@ class Effects:
     admit: Callable[[Completion, str], Admitted | Rejection]
     #: The gate, for the task's baseline.
     inspect: Callable[[str], Admitted | Rejection]
-    #: Its probe alone, for a source that the gate admitted before: a given network.
+    #: The gate's probe alone, for a source that the gate admitted before: a given network.
     measure: Callable[[str], Admitted | Rejection]
     evaluate: Evaluate
     #: Names the training of a source in its store.
@@ -62,14 +62,14 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What became of a proposal."""
+    """The outcome of a proposal."""
 
     proposal: Proposal
     #: The last answer; None for the baseline and a given network, which no model was asked for.
     completion: Completion | None
-    #: None where the gate rejected the answer.
+    #: The admitted candidate; None where the gate rejected the answer.
     admitted: Admitted | None
-    #: Of the training, or why there is none; None of a skipped one.
+    #: The training, or the rejection where there is none; None of a skipped candidate.
     result: Training | Rejection | None
     #: Wall time of gate and training; for people, never for the ledger.
     seconds: float
@@ -77,7 +77,7 @@ class Outcome:
     cpu_seconds: float
     #: The answers before it, each of them sent back with the gate's reason.
     attempts: tuple[Attempt, ...] = ()
-    #: What names the training in its store; None where nothing was trained.
+    #: The key of the training in its store; None where nothing was trained.
     evaluation: str | None = None
 
     @property
@@ -126,19 +126,19 @@ def develop(
 
 
 def _answers(asked: Mapping[int, "_Slot"], llm: LLM) -> Iterator[tuple[int, Completion]]:
-    """Yield each answer with its place among the proposals.
+    """Yield each answer with its index among the proposals.
 
     Raises:
         CacheMissError: a replay, which answers in order, has no answer to the next one; the message names its slot.
     """
-    places = list(asked)
+    indices = list(asked)
     answered = 0
     try:
         for position, completion in llm.complete([slot.request for slot in asked.values() if slot.request is not None]):
             answered += 1
-            yield places[position], completion
+            yield indices[position], completion
     except CacheMissError as error:
-        _name_slot(error, asked[places[answered]].proposal)
+        _name_slot(error, asked[indices[answered]].proposal)
         raise
 
 
@@ -160,7 +160,7 @@ def _sent_back(judged: Mapping[int, "_Slot"]) -> dict[int, "_Slot"]:
 
 
 class _Trained(NamedTuple):
-    """What a training gave, and its wall and processor time in seconds."""
+    """The result of a training, and its wall and processor time in seconds."""
 
     result: Training | Rejection
     seconds: float
@@ -208,19 +208,19 @@ class _Trainings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Slot:
-    """How far a slot of a generation has come: what is asked, what was answered, what the gate made of it."""
+    """The state of a slot of a generation: what is asked, what was answered, what the gate made of it."""
 
     proposal: Proposal
-    #: What a model is asked; None for the baseline and a given network.
+    #: The request to a model; None for the baseline and a given network.
     request: Request | None
     #: The answers that were sent back before.
     attempts: tuple[Attempt, ...] = ()
     #: Wall time of the gate, for these too.
     seconds: float = 0.0
     completion: Completion | None = None
-    #: None before the gate has judged.
+    #: The gate's verdict; None before it has judged.
     gated: Admitted | Rejection | None = None
-    #: What comes of an admitted one; None of one that was not admitted, or is skipped.
+    #: The training of an admitted candidate, under way or done; None of one that was not admitted, or is skipped.
     training: Future[_Trained] | None = None
 
 

@@ -1,4 +1,4 @@
-"""What the fitness of a training is of its validation losses; lower is better (`tacevo.parts.Fitness`); pure.
+"""The fitness of a training, made from its validation losses; lower is better (`tacevo.parts.Fitness`); pure.
 
 The last loss of a training jumps, so a search by it selects networks that jump (docs/evidence.md).
 """

@@ -1,4 +1,4 @@
-"""How the instruction of a mutation is drawn: by the paper, and in controls; pure (`tacevo.parts.Prompts`)."""
+"""The draws of a mutation's instruction: the paper's, and those of controls; pure (`tacevo.parts.Prompts`)."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -33,7 +33,7 @@ class Unrecorded(Uniform):
 
 @dataclass(frozen=True)
 class Curious(Uniform):
-    """From the archive's trials of instructions in the pool, in proportion to their curiosity (the paper's abstract).
+    """Draws from the archive's trials of pooled instructions, in proportion to their curiosity (the paper's abstract).
 
     An instruction without a trial there weighs as much as an unproductive one, so that each stays within reach. While
     there is no trial, all weigh alike, so that arms of an ablation begin alike.
@@ -52,7 +52,7 @@ class Curious(Uniform):
 
 @dataclass(frozen=True)
 class Effect(Uniform):
-    """By what each did to the loss of its children so far (`effect_weights`); alike while there is no child."""
+    """Draws by each instruction's effect on its children's loss so far (`effect_weights`); alike without children."""
 
     def draw(self, history: PromptHistory, pool: Sequence[int], rng: np.random.Generator) -> int:
         """Draw an instruction."""

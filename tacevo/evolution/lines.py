@@ -1,4 +1,4 @@
-"""What a search decided, one record for each line of its ledger; and what such lines add up to; pure.
+"""The decisions of a search, one record for each line of its ledger; and the sums over such lines; pure.
 
 A field without a default is in every line; one with a default only where it differs from it. Lines that were written
 before a field existed therefore keep their bytes.
@@ -42,28 +42,28 @@ class RepairedAnswer(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CandidateLine(Record):
-    """What became of one slot of a generation."""
+    """The line of one slot of a generation: what became of it."""
 
     generation: int
     slot: int
     id: str
     #: SHA-256 of the source; None where the gate rejected the candidate.
     source: str | None = None
-    #: Where and why the candidate was rejected; None of another one.
+    #: The stage at which the candidate was rejected, and the reason; None of one that was not.
     stage: Stage | None = None
     reason: Reason | None = None
     #: Key of the training in its store; None where nothing was trained.
     evaluation: str | None = None
     #: Kernels whose bits differ between CPUs.
     not_portable: tuple[str, ...] = ()
-    #: What the training gave; None of a candidate that was rejected or skipped.
+    #: The fitness and further results of the training; None of a candidate that was rejected or skipped.
     fitness: float | None = None
     train_losses: tuple[float, ...] | None = None
     validation_losses: tuple[float, ...] | None = None
     predictions: str | None = None
     weights: str | None = None
     not_deterministic: tuple[str, ...] = ()
-    #: On a GPU: whether its steps were recorded once and replayed.
+    #: Whether the steps of a training on a GPU were recorded once and replayed.
     captured: bool | None = None
     operator: Operator
     parents: tuple[str, ...]
@@ -76,7 +76,7 @@ class CandidateLine(Record):
     answer: str | None
     dropped: tuple[str, ...] = ()
     repairs: tuple[RepairedAnswer, ...] = ()
-    #: What the probe measured; None where the gate rejected the candidate.
+    #: The number of parameters and further measurements of the probe; None where the gate rejected the candidate.
     parameters: int | None = None
     flops: int | None = None
     #: See `Profile`.
@@ -87,11 +87,11 @@ class CandidateLine(Record):
     density: float | None = None
     arch_div: float | None = None
     eff_ratio: float | None = None
-    #: What the axes of the archive measured that a user brought, in their order; of a candidate that trained.
+    #: The values of the archive's axes that a user brought, in their order; empty of a candidate that did not train.
     measures: tuple[float, ...] = ()
     #: Whether a surrogate judged it among the worst, so that it was not trained.
     skipped: bool = False
-    #: What the archives did with it; None of a candidate that was rejected or skipped.
+    #: The candidate's niche, and what the archives did with it; None of a candidate that was rejected or skipped.
     niche: int | None = None
     status: AddStatus | None = None
     curiosity: float | None = None
@@ -111,7 +111,7 @@ class CandidateLine(Record):
 
     @property
     def first_rejection(self) -> tuple[Stage, Reason] | None:
-        """Where and why the first answer was rejected; None where it was not."""
+        """The stage at which the first answer was rejected, and the reason; None where it was not."""
         first = self.repairs[0] if self.repairs else self
         return (first.stage, first.reason) if first.stage and first.reason else None
 
@@ -123,7 +123,7 @@ class CandidateLine(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GenerationLine(Record):
-    """How a generation ended."""
+    """The line that ends a generation."""
 
     generation: int
     #: T_g, and T_{g+1}.
@@ -143,7 +143,7 @@ class GenerationLine(Record):
     #: SHA-256 of the occupants of both archives.
     archive: str
     prompt_archive: str
-    #: None where no answer was sent back.
+    #: The number of candidates that trained after a repair; None where no answer was sent back.
     repaired: int | None = None
     #: Candidates whose first answer a surrogate skipped; None where there were none.
     skipped: int | None = None
@@ -165,13 +165,13 @@ class GateStage:
     rejected: int
     #: First answers that no stage so far rejected, skipped ones among them; the baseline is not an answer.
     left: int
-    #: Of all first answers, in [0, 1]; None where nothing was asked.
+    #: The share `left` of all first answers, in [0, 1]; None where nothing was asked.
     left_share: float | None
-    #: Most frequent first.
+    #: The reasons of rejections with their counts, most frequent first.
     reasons: tuple[tuple[Reason, int], ...]
 
 
-#: What a search itself commits.
+#: The lines that a search itself commits.
 SearchLine = CandidateLine | GenerationLine
 
 

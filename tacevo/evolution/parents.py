@@ -1,4 +1,4 @@
-"""Who the parents of a generation may be: the paper's rules, and those of controls; pure (`tacevo.parts.Parents`)."""
+"""The choice of a generation's parents: the paper's rules, and those of controls; pure (`tacevo.parts.Parents`)."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class Uniform(Parents):
 class Best(Uniform):
     """The fittest elites, alike."""
 
-    #: How many; at least as many as are drawn.
+    #: The number of elites that are drawn from; at least as many as are drawn.
     best: int
 
     def draw(self, pool: Sequence[C], number: int, rng: np.random.Generator) -> tuple[C, ...]:

@@ -1,4 +1,4 @@
-"""What models are asked: the texts of requests, and the prompt archive A_P.
+"""The requests to models: their texts, and the prompt archive A_P.
 
 The archive holds which instruction at which temperature was productive (paper, Algorithm 1, line 8).
 """
@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tacevo.evolution.archive import AddStatus, Archive, Elite, Growing, Point, Tessellation, insert
+from tacevo.evolution.archive import AddStatus, Archive, Elite, PersistentMap, Point, Tessellation, insert
 from tacevo.parts import PromptHistory, Trial
 from tacevo.records import ChatMessage, Contract, Reason, Rejection, Request, to_json
 from tacevo.storage.canonical import content_hash
 
-#: What is asked for where a network has no parent.
+#: The instruction of a request for a network without a parent.
 SAMPLING = "Draw a network at random."
 
 #: Rejections that no further turn can mend.
@@ -40,13 +40,13 @@ class PromptArchive:
 
     archive: Archive = field(default_factory=Archive)
     #: The trials that the archive's elites name, by niche.
-    trials: Growing[int, Trial] = field(default_factory=Growing)
-    #: By instruction: its children, and the sum of the changes of the loss's logarithm.
-    changes: Growing[int, tuple[int, float]] = field(default_factory=Growing)
+    trials: PersistentMap[int, Trial] = field(default_factory=PersistentMap)
+    #: The number of children by instruction, and the sum of the changes of the loss's logarithm.
+    changes: PersistentMap[int, tuple[int, float]] = field(default_factory=PersistentMap)
 
     @property
     def history(self) -> PromptHistory:
-        """What draws of instructions look at."""
+        """The history that draws of instructions look at."""
         trials = tuple(self.trials[niche] for niche in sorted(self.trials))
         return PromptHistory(trials=trials, changes=self.changes)
 

@@ -1,4 +1,4 @@
-"""What a generation asks for: operator, parents, instruction and temperature.
+"""The proposals of a generation: operator, parents, instruction and temperature.
 
 Pure: `plan_initial` and `plan_generation` turn the state of a search into proposals, by named random streams.
 """
@@ -29,11 +29,11 @@ class Candidate:
 
     id: str
     source: str
-    #: What it competes by; lower is better.
+    #: The fitness of the candidate; lower is better.
     fitness: float
-    #: Its validation losses, one an epoch.
+    #: The candidate's validation losses, one an epoch.
     losses: tuple[float, ...] = ()
-    #: What it learns, and its forward FLOPs of one image in training mode.
+    #: The number of values that the candidate learns, and its forward FLOPs of one image in training mode.
     parameters: int = 0
     flops: int = 0
     #: Ids of its parents.
@@ -41,7 +41,8 @@ class Candidate:
     #: The exact sum of its own curiosity and those of its mutation children, and how many these are together.
     curiosities: Fraction
     scores: int = 1
-    #: What the surrogate sees of it (`tacevo.evolution.surrogate`); empty in a search without one.
+    #: The features of the candidate that the surrogate sees (`tacevo.evolution.surrogate`); empty in a search without
+    #: one.
     features: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -69,9 +70,9 @@ class Settings:
     max_tokens: int
     #: Further settings of the provider, for every request.
     llm: tuple[tuple[str, Setting], ...] = ()
-    #: Where a request has the task's system prompt.
+    #: The place of the task's system prompt in a request.
     system: SystemTurn = SystemTurn.system
-    #: What one draw of the operator holds for.
+    #: The scope of one draw of the operator.
     operator_for: OperatorScope = OperatorScope.generation
     #: The size of the prompt pool P_g, from 1 to the task's instructions; None for all of them.
     pool: int | None = None
@@ -88,7 +89,7 @@ class Proposal:
     parents: tuple[str, ...]
     #: Index of the instruction; None for all but a mutation.
     prompt: int | None
-    #: What the model is asked; None for the baseline and for a given network.
+    #: The request to the model; None for the baseline and for a given network.
     request: Request | None
     #: The source, where no model is asked for it.
     source: str = ""
@@ -157,7 +158,7 @@ def elites_of(candidates: Mapping[str, Candidate], archive: Archive) -> tuple[Ca
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Slot:
-    """Where in a search a request stands."""
+    """The position of a request in a search."""
 
     generation: int
     number: int

@@ -84,17 +84,17 @@ class EliteEntry(Record):
     """An occupied niche, or place, of the network archive."""
 
     niche: int
-    #: None in an archive without niches.
+    #: The centroid of the niche; None in an archive without niches.
     centroid: tuple[float, ...] | None = None
     id: str
     fitness: float
-    #: Before normalisation.
+    #: The descriptors before normalisation.
     descriptors: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkArchiveFile(Record):
-    """What archive.json holds."""
+    """The content of archive.json."""
 
     niches: int
     coverage: float
@@ -109,7 +109,7 @@ class TrialEntry(Record):
 
     niche: int
     centroid: tuple[float, ...]
-    #: Of the candidate, and of its instruction.
+    #: The id of the candidate, and of its instruction.
     id: str
     instruction: str
     prompt: int
@@ -120,7 +120,7 @@ class TrialEntry(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PromptFile(Record):
-    """What prompts.json holds."""
+    """The content of prompts.json."""
 
     niches: int
     coverage: float
@@ -178,7 +178,7 @@ def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:
     return record, ledger
 
 
-def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> None:
+def check_references(path: Path, record: RunRecord, lines: Sequence[Line]) -> None:
     """Check that candidates begin with the baseline, and that all lines name what comes earlier or is the task's.
 
     A replay finds every edit; this is for what reads a run without replaying it. Files are found by a candidate's id,
@@ -198,14 +198,14 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
                 raise RunError(
                     f"{line.id} with an unknown parent, instruction or network, with another id, or without a baseline "
                     "before it",
-                    place=str(place),
+                    place=str(path),
                     expected="candidates that name earlier ones, and instructions and networks of the task",
                     remedy="restore the ledger",
                 )
             ids.add(line.id)
         if not isinstance(line, RunLine) and line.generation != generation:
             got, expected = f"a line of generation {line.generation}", f"one of generation {generation}"
-            raise RunError(got, place=str(place), expected=expected, remedy="restore the ledger")
+            raise RunError(got, place=str(path), expected=expected, remedy="restore the ledger")
         generation += isinstance(line, GenerationLine)
 
 
@@ -215,9 +215,9 @@ def rules_of(lines: Sequence[Line]) -> Rules:
     Raises:
         RunError: the ledger does not begin with a header, or has several.
     """
-    headers = [place for place, line in enumerate(lines) if isinstance(line, RunLine)]
+    headers = [index for index, line in enumerate(lines) if isinstance(line, RunLine)]
     if headers != [0] or not isinstance(lines[0], RunLine):
-        got, expected = f"headers in lines {[place + 1 for place in headers]}", "one header, in the first line"
+        got, expected = f"headers in lines {[index + 1 for index in headers]}", "one header, in the first line"
         raise RunError(got, place="ledger.jsonl", expected=expected)
     return lines[0].rules
 

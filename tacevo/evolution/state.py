@@ -1,11 +1,11 @@
-"""What a search is, what its next step depends on, and who takes its lines."""
+"""The plan of a search, the state that its next step depends on, and the protocols of those who take its lines."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
+from tacevo.evolution.archive import NetworkArchive, PersistentMap, Tessellation, TopK
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.fitness import Last
 from tacevo.evolution.lines import SearchLine, training_flops
@@ -20,7 +20,7 @@ from tacevo.records import Task
 class Budget:
     """A bound on the trainings of a search."""
 
-    #: What the search ends at, in FLOPs as `training_flops` counts them; > 0.
+    #: The work at which the search ends, in FLOPs as `training_flops` counts them; > 0.
     flops: float
     #: Images in one epoch of a training, and epochs of one.
     images: int
@@ -43,7 +43,7 @@ class Skipping(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What a search is: the task, and every setting that the fold reads."""
+    """The plan of a search: the task, and every setting that the fold reads."""
 
     task: Task
     settings: Settings
@@ -54,17 +54,17 @@ class Plan:
     prompts: Tessellation
     #: The network archive to begin with: empty, with fixed bounds or none.
     archive: NetworkArchive
-    #: What its axes measure, by name.
+    #: The descriptors that the archive's axes measure, by name.
     axes: Mapping[str, Descriptor]
     temperature: Temperature
     temperature_start: float
-    #: How often an answer that the gate rejected is sent back.
+    #: The number of times that an answer is sent back which the gate rejected.
     repairs: int = 0
-    #: What ends the search before generation G.
+    #: The budget that ends the search before generation G; None without one.
     budget: Budget | None = None
-    #: What the fitness of a training is of its losses.
+    #: The rule that makes the fitness of a training from its losses.
     fitness: Fitness = field(default_factory=Last)
-    #: What decides which candidates are not trained; None where all are.
+    #: The rule for which candidates are not trained; None where all are.
     skipping: Skipping | None = None
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
     names_dropped: bool = True
@@ -80,7 +80,7 @@ class SearchState:
     networks: NetworkArchive
     prompts: PromptArchive = field(default_factory=PromptArchive)
     #: Every evaluated candidate, by id.
-    candidates: Growing[str, Candidate] = field(default_factory=Growing)
+    candidates: PersistentMap[str, Candidate] = field(default_factory=PersistentMap)
     #: f*: the best fitness of the network archive.
     best: float = math.inf
 
@@ -91,14 +91,14 @@ class SearchState:
 
 
 class LedgerWriter(Protocol):
-    """Where the lines of a search go (`tacevo.storage.ledger`)."""
+    """The writer that takes the lines of a search (`tacevo.storage.ledger`)."""
 
     def commit(self, line: SearchLine) -> None:
         """Append a line, or compare it with the one that stands in its place."""
 
 
 class Observer(Protocol):
-    """Who watches a search; nothing it does may change one."""
+    """An observer of a search; nothing it does may change one."""
 
     def developed(self, outcome: Outcome) -> None:
         """Take an outcome before it is committed."""

@@ -1,4 +1,4 @@
-"""Which candidates a search does not train: those that a surrogate of its own trainings judges worst; pure.
+"""The choice of the candidates that a search does not train: a surrogate of its own trainings judges them worst; pure.
 
 The surrogate is a ridge regression (Hoerl and Kennard 1970) of the logarithm of a network's fitness on what the probe
 measured. It decides, so its bits must be equal everywhere: logarithms are rounded, sums are exact, and everything else
@@ -14,7 +14,7 @@ from tacevo.evolution.proposals import Candidate
 from tacevo.profile import Admitted, Profile
 from tacevo.rounding import rounded
 
-#: How many networks must be known before any is skipped.
+#: The number of networks that must be known before any is skipped.
 LEAST = 20
 
 #: The weight of the squared coefficients, of standardised features.
@@ -42,7 +42,7 @@ class Surrogate:
 class SkipsWorst:
     """Skips what the surrogate judges worst."""
 
-    #: How much of the networks counts as worst, in (0, 1).
+    #: The share of the networks that counts as worst, in (0, 1).
     part: float
 
     def features(self, profile: Profile) -> Mapping[str, float]:
@@ -104,10 +104,10 @@ def fit(networks: Sequence[tuple[Mapping[str, float], float]]) -> Surrogate:
 
 def quantile(values: Sequence[float], part: float) -> float:
     """Return the value that a part of the values, in [0, 1], lies below, interpolated linearly; equal to equal ones."""
-    ordered, place = sorted(values), part * (len(values) - 1)
-    below = int(place)
+    ordered, position = sorted(values), part * (len(values) - 1)
+    below = int(position)
     low, high = ordered[below], ordered[min(below + 1, len(ordered) - 1)]
-    return low + (high - low) * (place - below)
+    return low + (high - low) * (position - below)
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -1,4 +1,4 @@
-"""How the sampling temperature moves (paper, Algorithm 1, line 9): the paper's rule, and those of controls; pure."""
+"""The moves of the sampling temperature (paper, Algorithm 1, line 9): the paper's rule, and controls; pure."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from tacevo.parts import Generation, Temperature
 
 @dataclass(frozen=True)
 class Fixed(Temperature):
-    """It stays."""
+    """A temperature that stays as it is."""
 
     def next(self, ended: Generation) -> float:
         """Return T_g."""

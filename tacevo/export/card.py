@@ -20,7 +20,8 @@ from tacevo.records import DataFacts
 from tacevo.results.grouped import FEWEST, in_groups
 from tacevo.text import as_code, counted, in_markdown, listed, printable
 
-#: As `tacevo.data.sources.image_files` does it; the second where files have more than 8 bits, or a white point is set.
+#: The conversion to RGB, as `tacevo.data.sources.image_files` does it; the second where files have more than 8 bits, or
+#: a white point is set.
 _TO_RGB = 'image = image.convert("RGB")'
 _TO_RGB_OF_WIDE = """\
 values = np.asarray(image if image.mode[0] in "IF" else image.convert("RGB"))
@@ -34,7 +35,7 @@ image = ImageOps.exif_transpose(Image.open("image.png"))
 image = image.resize((config["input"]["size"],) * 2, Image.Resampling.BILINEAR)
 pixels = np.asarray(image, np.float32).transpose(2, 0, 1)[None]  # 1 x 3 x size x size, 0 to 255"""
 
-#: From what the networks give to what `model.onnx` gives.
+#: The code that turns the networks' outputs into those of `model.onnx`.
 _FINISH_VALUES = """\
 scale, offset = (torch.tensor(config["outputs"][name]) for name in ("scale", "offset"))
 output = (torch.stack(outputs).mean(dim=0) * scale + offset).numpy()"""

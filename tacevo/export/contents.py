@@ -1,4 +1,4 @@
-"""What the files of an exported network say: its outputs, its metrics, and what config.json and others hold."""
+"""The texts in the files of an exported network: its outputs, its metrics, and what config.json and others hold."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from tacevo.text import printable
 from tacevo.training.full import score
 from tacevo.training.weights import Weights, weights_digest
 
-#: Of `tacevo[export]`.
+#: The packages of `tacevo[export]`.
 PACKAGES = ("onnx", "onnxruntime", "onnxscript", "safetensors")
 
 #: Resamples of the test images for an interval, and the level of it.
@@ -41,30 +41,30 @@ class Exported:
     line: CandidateLine
     plan: TrainingPlan
     data: Dataset
-    #: One, or those of an ensemble.
+    #: The trained network, or those of an ensemble.
     trained: Sequence[Trained]
-    #: Why equal bits were not promised.
+    #: The reasons why equal bits were not promised.
     doubts: tuple[str, ...]
     settings: ExportSettings
-    #: What the source of the data says of them.
+    #: The catalogue of the data, as their source gives it.
     catalogue: Catalogue
     #: Digest of its bundle, if it is in one.
     bundle: str | None
-    #: What its class was found to say; None as long as it was not tried.
+    #: The class as it was tried; None as long as it was not.
     built: Built | None = None
-    #: None where ONNX cannot hold it, or as long as it was not tried.
+    #: The ONNX file; None where ONNX cannot hold the model, or as long as it was not tried.
     onnx: Converted | None = None
-    #: Why there is no ONNX file; empty where there is one.
+    #: The reason why there is no ONNX file; empty where there is one.
     without_onnx: str = ""
 
     @property
     def contract(self) -> Contract:
-        """What the class is."""
+        """The contract that the class keeps."""
         return self.run.record.task.contract
 
     @property
     def numerics(self) -> Numerics:
-        """How it was trained."""
+        """The numerics of its training."""
         return self.plan.config.numerics.kind
 
     @property
@@ -74,17 +74,17 @@ class Exported:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of each output, empty where it is not known; () for classification."""
+        """The unit of each output, empty where it is not known; () for classification."""
         return units_of(self.catalogue) if self.is_regression else ()
 
     @property
     def weights(self) -> list[Weights]:
-        """Of each network."""
+        """The weights of each network."""
         return [one.weighed.weights for one in self.trained]
 
     @property
     def weight_files(self) -> list[str]:
-        """Where they are."""
+        """The names of the files that hold the weights."""
         count = len(self.trained)
         return (
             ["weights.safetensors"] if count == 1 else [f"weights-{number + 1}.safetensors" for number in range(count)]
@@ -92,7 +92,7 @@ class Exported:
 
     @cached_property
     def outputs(self) -> NDArray[np.float64]:
-        """What the whole model must say of the test images: units of the recording, or probabilities; shape (t, K)."""
+        """The whole model's outputs for the test images: units of the recording, or probabilities; shape (t, K)."""
         each = np.array([one.weighed.predictions for one in self.trained], np.float64)
         if self.is_regression:
             return np.asarray((each * self.data.scale + self.data.offset).mean(axis=0))

@@ -24,22 +24,22 @@ ENTRIES = {name: f"tacevo.export.converter:{name}" for name in ("predict", "conv
 
 EQUIP = "tacevo.export.converter:equip"
 
-#: How far a file may be from the training, in parts of the largest output (of regression, before it is scaled). Sums in
-#: another order gave at most a hundredth of it.
+#: The largest difference of a file from the training, in parts of the largest output (of regression, before it is
+#: scaled). Sums in another order gave at most a hundredth of it.
 BOUND = 1e-4
 
-#: Of one conversion or check.
+#: The limits of one conversion or check.
 _LIMITS = Limits(seconds=600, memory_mib=8192)
 
 _REMEDY = "report it with the name of the candidate; its source is there by `tacevo show RUN CANDIDATE --source`"
 
-#: What errors name as their place.
+#: The places that errors name.
 _CLASS, _FILE = "model.py with its weights", "model.onnx"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Predicted(Record):
-    """What `predict` sends with the outputs."""
+    """The header that `predict` sends with the outputs."""
 
     arguments: tuple[str, ...]
 
@@ -49,9 +49,9 @@ _Times = Annotated[tuple[Annotated[float, Ge(0)], ...], Len(2, 1000)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Checked(Record):
-    """What `check` sends with the outputs."""
+    """The header that `check` sends with the outputs."""
 
-    #: By the number of images at once.
+    #: The times of passes, by the number of images at once.
     milliseconds: dict[Literal["1", "32"], _Times]
 
 
@@ -62,15 +62,15 @@ class Networks:
     source: str
     contract: Contract
     data: Dataset
-    #: Of each; several are an ensemble.
+    #: The weights of each network; several are an ensemble.
     weights: Sequence[Weights]
-    #: What all of them together must say of the test images, shape (t, K), in units of the recording, or as
+    #: The outputs of all of them together for the test images, shape (t, K), in units of the recording, or as
     #: probabilities.
     expected: NDArray[np.float64]
 
     @property
     def header(self) -> dict[str, Json]:
-        """What a job must know to build them."""
+        """The header of a job, from which it builds the networks."""
         described = [[[name, f"torch.{v.dtype}", list(v.shape)] for name, v in one.items()] for one in self.weights]
         of_data = {name: list(getattr(self.data, name)) for name in ("mean", "deviation", "scale", "offset")}
         return {"source": self.source, "contract": to_json(self.contract), "weights": described, **of_data}
@@ -108,7 +108,7 @@ class Networks:
 class Built:
     """A class that predicts with its weights as the training did."""
 
-    #: Of the constructor, those that it has: a part of `Contract.offered`.
+    #: The arguments that the constructor takes: a part of `Contract.offered`.
     arguments: tuple[str, ...]
     #: The largest difference from the training, as `BOUND` counts it.
     difference: float
@@ -121,7 +121,7 @@ class Converted:
     file: bytes
     #: The largest difference from the training, as `BOUND` counts it.
     difference: float
-    #: Of many passes, by the number of images at once.
+    #: The times of many passes, by the number of images at once.
     milliseconds: Mapping[str, Sequence[float]]
 
 

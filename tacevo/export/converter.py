@@ -32,7 +32,7 @@ _SEED = 0
 #: Images that are predicted at once.
 _BATCH = 32
 
-#: How often a batch is timed, after as many passes that are not as are a tenth of it.
+#: The number of passes of a batch that are timed, after a tenth as many that are not.
 _REPEATS = 40
 
 # Torch looks for these for every model, and does without them; a candidate's process would have to run again below a
@@ -45,7 +45,7 @@ onnxscript_sources.get_src_and_ast = functools.cache(onnxscript_sources.get_src_
 
 
 class _Whole(nn.Module):
-    """From raw images, float32 in [0, 255], to units of the recording or probabilities: the mean over the networks."""
+    """The mean over the networks: from raw images, float32 in [0, 255], to units of the recording or probabilities."""
 
     mean: torch.Tensor
     deviation: torch.Tensor
@@ -190,7 +190,7 @@ def _adaptive_max_pool2d(images: torch.Tensor, size: list[int]) -> tuple[torch.T
     """Pool as torch does, whose export to ONNX has no such operator; places of the largest are not told."""
     for axis, count in zip((-2, -1), size, strict=True):
         length = images.shape[axis]
-        ends = [(place * length // count, -((place + 1) * -length // count)) for place in range(count)]
+        ends = [(cell * length // count, -((cell + 1) * -length // count)) for cell in range(count)]
         images = torch.stack([images.narrow(axis, begin, end - begin).amax(axis) for begin, end in ends], axis)
     return images, torch.zeros_like(images, dtype=torch.int64)
 

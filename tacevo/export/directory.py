@@ -31,7 +31,7 @@ from tacevo.text import listed
 from tacevo.training.numerics import environment
 from tacevo.training.weights import Weights
 
-#: What safetensors keeps notes under.
+#: The key under which safetensors keeps notes.
 _METADATA = "__metadata__"
 
 #: Bytes of all weights of an ensemble.

@@ -14,10 +14,10 @@ from typing import Any
 
 from tacevo.records import Contract
 
-#: Of the ONNX operators.
+#: The version of the ONNX operators.
 OPSET = 18
 
-#: What input and output are called.
+#: The names of input and output.
 INPUT, OUTPUT = "images", "outputs"
 
 #: Versions of the format that readers of this opset know.
@@ -39,10 +39,10 @@ _LEFT_OUT = re.compile(
     r"If|Loop|Scan|\w*Sequence\w*|Optional\w*|Random\w*|Bernoulli|Multinomial|Dropout|String\w*|TfIdf\w*"
 )
 
-#: What is no sequence of values, though it is called so.
+#: The operators that work on no sequence of values, though they are called so.
 _NOT_LEFT_OUT = frozenset({"ReverseSequence"})
 
-#: Of every message what is written anew. Other fields are refused, but for those of `_NOTES`.
+#: The fields of every message that are written anew. Other fields are refused, but for those of `_NOTES`.
 _KEPT: Mapping[str, frozenset[str]] = {
     "ModelProto": frozenset({"ir_version", "opset_import", "graph"}),
     "OperatorSetIdProto": frozenset({"domain", "version"}),
@@ -60,7 +60,7 @@ _KEPT: Mapping[str, frozenset[str]] = {
 #: The field that holds the value of an attribute, by its type.
 _VALUES: Mapping[int, str] = {1: "f", 2: "i", 3: "s", 4: "t", 6: "floats", 7: "ints", 8: "strings"}
 
-#: What says nothing to a runtime, and names modules and directories of the machine: it is left out.
+#: The fields that say nothing to a runtime, and name modules and directories of the machine: they are left out.
 _NOTES = frozenset({"doc_string", "metadata_props", "producer_name", "producer_version", "value_info"})
 
 #: Texts among the attributes, such as `NOTSET` and `bij,bjk->bik`.
@@ -155,10 +155,10 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
     if at < len(message) and message[at] < 128:  # most are of one byte
         return message[at], at + 1
     value = 0
-    for place, byte in enumerate(message[at : at + 10]):
-        value |= (byte & 127) << 7 * place
+    for index, byte in enumerate(message[at : at + 10]):
+        value |= (byte & 127) << 7 * index
         if byte < 128:
-            return value, at + place + 1
+            return value, at + index + 1
     raise ValueError("expected an ONNX model; got a number that does not end")
 
 

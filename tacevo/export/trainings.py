@@ -41,11 +41,11 @@ CONVERTING = 15.0
 
 
 class Like(StrEnum):
-    """Which training is repeated."""
+    """The training that is repeated."""
 
     #: All epochs of a study, and the weights of the best validation epoch.
     study = "study"
-    #: That of the search, and the weights of its last epoch.
+    #: The epochs of the search, and the weights of its last epoch.
     search = "search"
 
 
@@ -55,34 +55,34 @@ def _is_licence(name: str) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportSettings(Record):
-    """What a user may set."""
+    """The settings of an export."""
 
     #: Trainings; several are an ensemble.
     seeds: Annotated[int, Ge(1), Le(100)] = 1
-    #: None for those of the study or the search.
+    #: The number of epochs; None for that of the study or the search.
     epochs: OneToMillion | None = None
     like: Like = Like.study
-    #: Of the model, as its card names it.
+    #: The licence of the model, as its card names it.
     licence: Annotated[str, is_a("the identifier of a licence, such as CC-BY-4.0", _is_licence)] = "CC-BY-4.0"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingPlan:
-    """How a candidate is trained."""
+    """The plan of a candidate's trainings."""
 
     line: CandidateLine
     like: Like
-    #: Of the run, with this training.
+    #: The configuration of the run, with this training.
     config: RunConfig
-    #: Of each training, as torch gets them.
+    #: The seed of each training, as torch gets it.
     seeds: tuple[int, ...]
     #: Number of the rules of a study or, like a search, of training.
     rules: int
     #: The study that tested this network so; None without one.
     study: FinishedStudy | None
-    #: What that study found, one for each of its seeds; computed again from its test predictions.
+    #: The scores that the study found, one for each of its seeds; computed again from its test predictions.
     scores: tuple[ScoreLine, ...]
-    #: Why what it found cannot be computed again, and is not cited; empty where it can be.
+    #: The reason why its scores cannot be computed again, and are not cited; empty where they can be.
     uncited: str
     #: The lines of the trainings that the run recorded, and those of its finished studies that follow from the stores,
     #: by key. The store may have others of its own.
@@ -95,14 +95,14 @@ class Trained:
 
     weighed: Weighed
     seed: int
-    #: Whose weights these are, from 1.
+    #: The epoch, from 1, whose weights these are.
     epoch: int
-    #: Of the training in the store.
+    #: The key of the training in the store.
     key: str
     #: Whether the run or a study of it recorded this training.
     was_recorded: bool
-    #: What differs from the record or, where there is none, from another training with this seed: names of fields of
-    #: `Training`; None where there is neither.
+    #: The names of the fields of `Training` that differ from the record or, where there is none, from another training
+    #: with this seed; None where there is neither.
     differing: tuple[str, ...] | None
 
 

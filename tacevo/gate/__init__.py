@@ -1,1 +1,1 @@
-"""From a model's raw answer to an admitted candidate: extraction, static policy, probe."""
+"""The gate, from a model's raw answer to an admitted candidate: extraction, static policy, probe."""

@@ -31,13 +31,13 @@ from tacevo.storage.verdicts import read_verdict, recall_verdict
 _GIVEN_SINCE, _ASKED_SINCE = 3, 4
 #: The first number of probes that show a network images of the data set.
 _SHOWN_SINCE = 7
-#: How many of them: as many as the probe's largest batch has (`_MOST` of `tacevo.gate.probe`).
+#: The number of these images: as many as the probe's largest batch has (`_MOST` of `tacevo.gate.probe`).
 _PROBED = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GateLimits:
-    """How large a candidate may be; each limit is inclusive."""
+    """The limits of a candidate's size; each is inclusive."""
 
     parameters: int
     #: Floating-point operations of one forward pass of one image.
@@ -51,15 +51,15 @@ class DataImages:
     """The images of a data set on which networks are probed, too: rows of the array `images` of the sandbox."""
 
     rows: NDArray[np.int64]
-    #: Per channel, in units of the stored values (0 to 255); deviations are positive.
+    #: The mean of each channel, in units of the stored values (0 to 255); deviations are positive.
     mean: tuple[float, ...]
     deviation: tuple[float, ...]
 
     @classmethod
     def of(cls, rows: NDArray[np.int64], mean: tuple[float, ...], deviation: tuple[float, ...]) -> Self:
         """Choose evenly among some rows, as many as a probe takes; of fewer, some stand twice."""
-        places = np.linspace(0, len(rows) - 1, _PROBED).astype(np.int64)
-        return cls(rows=rows[places], mean=mean, deviation=deviation)
+        indices = np.linspace(0, len(rows) - 1, _PROBED).astype(np.int64)
+        return cls(rows=rows[indices], mean=mean, deviation=deviation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,24 +68,24 @@ class Gate:
 
     #: The sandbox; it needs an entry `probe`, `tacevo.gate.probe:run`.
     run: RunJob
-    #: Where probes are kept, of kind `probes`.
+    #: The store of probes, of kind `probes`.
     store: Store
-    #: Where the verdicts of extraction and policy on whole answers are kept, of kind `answers`.
+    #: The store of the verdicts of extraction and policy on whole answers, of kind `answers`.
     answers: Store
     contract: Contract
     limits: GateLimits
     #: The fingerprint of the data set on whose images networks are probed, too; None where there is none.
     fingerprint: str | None = None
-    #: None where there is no data set, and where probes are recalled only or looked up.
+    #: The images for probes; None where there is no data set, and where probes are recalled only or looked up.
     images: DataImages | None = None
     #: UTF-8 bytes of a model's whole answer.
     source_bytes: int = 100_000
     #: Time and memory of one probe.
     probe_limits: Limits
-    #: Of the sandbox; part of the key, because a probe computes.
+    #: The numerics of the sandbox; part of the key, because a probe computes.
     numerics: Numerics
-    #: Under which verdicts and probes are kept. With other rules than the current ones, both stores must replay,
-    #: because this code judges by the current rules only.
+    #: The rules under which verdicts and probes are kept. With other rules than the current ones, both stores must
+    #: replay, because this code judges by the current rules only.
     rules: Rules
 
     def admit(self, completion: Completion, asked: str = "") -> Admitted | Rejection:

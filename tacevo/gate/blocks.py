@@ -12,15 +12,15 @@ from tacevo.gate.fences import STATEMENT, FenceKind, Part, parts_of
 from tacevo.gate.policy.problems import Problem, parse
 from tacevo.gate.tags import LEADING, code_after_tags, code_before_tags, is_tagged
 
-#: How many characters may be parsed to read one answer, over all attempts: ten times an answer of 100,000 bytes, or two
-#: seconds of work. The recorded answers take up to four times their length. It is a count of characters and not a
-#: limit of time because a verdict may not depend on the machine.
+#: The most characters that may be parsed to read one answer, over all attempts: ten times an answer of 100,000 bytes,
+#: or two seconds of work. The recorded answers take up to four times their length. It is a count of characters and not
+#: a limit of time because a verdict may not depend on the machine.
 MOST_PARSED = 1_000_000
-#: How many blocks of code an answer may have; the recorded ones have up to 3.
+#: The most blocks of code that an answer may have; the recorded ones have up to 3.
 MOST_BLOCKS = 100
 _CODE_START = re.compile(rf"{LEADING}(?:{STATEMENT}|[A-Z][A-Z0-9_]*\s*=|[A-Z]\w*\s*=\s*[A-Z]\w*\s*$)")
 _CONTINUATION = re.compile(r"[#)\]}]")
-#: How a line begins, or what it is as a whole, that is code and no sentence, whether or not it parses.
+#: A line that is code and not a sentence, by its beginning or as a whole, whether or not it parses.
 _CODE = re.compile(
     r"""[ \t]*(?:@\w|(?:def|class)\s+\w+\s*(?:[(:\[]|$)|(?:import|from)\s+[\w.]+|return\b|raise\b|del\s
     |self\.|super\(|[\w.\[\]'", ]+(?:[-+*/%@&|^]|//|\*\*)?=(?!=)|[\w.]+\((?:.*\))?\s*(?:\#.*)?$|[)\]}]|['"]{3}
@@ -32,7 +32,7 @@ _CODE = re.compile(
 #: A word of Python, which may stand beside another word in code.
 _KEYWORDS = "|".join([*keyword.kwlist, "match", "case", "type", "print"])
 _TWO_WORDS = re.compile(rf"\b(?!(?:{_KEYWORDS}|\d+)\b)\w+[ ]+(?!(?:{_KEYWORDS})\b)[A-Za-z]\w*")
-#: What is not looked at to find two words: arguments, strings and comments.
+#: The parts of a line in which two words are not looked for: arguments, strings and comments.
 _ASIDE = re.compile(r"\(.*\)|\(.*|\"[^\"]*\"|'[^']*'|#.*")
 _HEADING = re.compile(r"^\W*[A-Z][^=(){}\[\]]*:\W*$")
 _STATES = re.compile(r"[ \t]*(?:class|def|async|self|return|super)\b|[ \t]*@|[ \t]*[\w, ]+=.*\bself\.")
@@ -76,7 +76,7 @@ class CodeBlock:
     #: Numbers of its first line in the answer, and of the line that follows it.
     start: int
     end: int
-    #: What was changed in it, as a person would say it, and the name that its class had.
+    #: The changes to the text, as a person would say them, and the name that its class had.
     notes: tuple[str, ...] = ()
     was: str = ""
 

@@ -4,7 +4,7 @@ import ast
 import re
 from collections.abc import Iterable
 
-#: Where a change begins and ends, as bytes of the text, and what stands there then.
+#: A change: where it begins and ends, as bytes of the text, and the text that stands there then.
 Edit = tuple[int, int, str]
 
 

@@ -1,4 +1,4 @@
-"""From a model's raw answer to one source text, without running it.
+"""The extraction of one source text from a model's raw answer, without running it.
 
 The rules, in order:
 
@@ -53,11 +53,11 @@ _UNANSWERED = {
 
 @dataclass(frozen=True, slots=True)
 class Extracted:
-    """What an answer holds."""
+    """The candidate that an answer holds."""
 
-    #: It parses and defines the class once: newlines normalised, dedented, ending with one newline.
+    #: The source text. It parses and defines the class once: newlines normalised, dedented, ending with one newline.
     source: str
-    #: What was changed in it, as a person would say it; the source begins with a comment for each.
+    #: The changes to the text, as a person would say them; the source begins with a comment for each.
     notes: tuple[str, ...] = ()
 
 
@@ -124,12 +124,12 @@ def _normalised(text: str) -> str:
 class _Answer:
     """An answer that is read."""
 
-    #: Without what stands around code and without thoughts.
+    #: The answer without what stands around code and without thoughts.
     text: str
     blocks: Sequence[CodeBlock]
     #: The networks that the model was given.
     given: Sequence[ParsedCode]
-    #: Of the class.
+    #: The name of the class.
     name: str
     parser: BlockParser
 
@@ -280,7 +280,7 @@ def _source(chosen: CodeBlock, answer: _Answer) -> _Source | Problem:
     others = [(block, block.parsed) for block in answer.blocks if block is not chosen]
     parsed = [(block, ParsedCode(block.text, tree)) for block, tree in others if isinstance(tree, ast.Module)]
     codes = [code for _, code in parsed]
-    parts, places = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, answer.name)
+    parts, indices = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, answer.name)
     text = "\n\n".join(parts)
     tree = chosen.parsed if text == chosen.text else answer.parser.parse(text)
     if isinstance(tree, Problem):
@@ -289,7 +289,7 @@ def _source(chosen: CodeBlock, answer: _Answer) -> _Source | Problem:
     if len(lines) > 1:
         detail = f"expected one definition of {answer.name}; got {len(lines)}, on lines {', '.join(map(str, lines))}"
         return Problem(Reason.ambiguous, detail)
-    notes = [note for block in (*(parsed[place][0] for place in places), chosen) for note in block.notes]
+    notes = [note for block in (*(parsed[index][0] for index in indices), chosen) for note in block.notes]
     spelt, changes = without_stars(ParsedCode(text, tree))
     tree = answer.parser.parse(spelt) if changes else tree
     if isinstance(tree, Problem):

@@ -7,9 +7,9 @@ from enum import Enum, auto
 
 from tacevo.gate.tags import code_before_tags
 
-#: How a statement begins that a model may put on the line of a fence or a tag.
+#: The beginning of a statement that a model may put on the line of a fence or a tag.
 STATEMENT = r"(?:@\w|class\s+\w+\s*(?:[(:]|$)|def\s+\w+\s*\(|import\s+\w|from\s+[\w.]+\s+import\b)"
-#: What stands before the sign of a fence, the sign, and what stands behind it.
+#: A line with a fence: what stands before the sign, the sign, and what stands behind it.
 _FENCE = re.compile(r"([^`~]*)(`{3,}|~{3,})([^`]*)")
 _LANGUAGE = re.compile(r"[{.]*(\w*)[ \t]*(.*)")
 _PYTHON = {"", "py", "python", "python3", "py3", "ipython", "pycon", "pytorch"}
@@ -19,7 +19,7 @@ _QUOTES = re.compile("\"\"\"|'''")
 
 
 class FenceKind(Enum):
-    """What a part of an answer is."""
+    """The kind of a part of an answer."""
 
     python = auto()  # between fences that are marked as Python or not marked at all
     other = auto()  # between fences of another language

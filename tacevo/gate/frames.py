@@ -1,4 +1,4 @@
-"""What stands around every line of code, or around all of it: quotes, prompts, JSON, notebooks, other spaces."""
+"""The frames around every line of code, or around all of it: quotes, prompts, JSON, notebooks, other spaces."""
 
 import contextlib
 import json
@@ -15,7 +15,7 @@ _FIRST_PROMPT = re.compile(r"(?: {0,3}>>>| *In \[\d+\]:)(?:[ \t]|$)")
 _PROMPT = re.compile(rf"{_FIRST_PROMPT.pattern}|(?: {{0,3}}\.\.\.| *\.\.\.:)(?:[ \t]|$)")
 _QUOTE = re.compile(r" {0,3}>")
 _FENCE = re.compile(r"[ \t]*(`{3,}|~{3,})")
-#: Where JSON with a text in it may begin.
+#: The place where JSON with a text in it may begin.
 _JSON = re.compile(r"(?<!\w)(?=[{\[]\s*[\"{\[])")
 #: The first line of a here-document, and the label that ends it.
 _HERE = re.compile(
@@ -23,7 +23,7 @@ _HERE = re.compile(
 )
 #: The command of a notebook that writes the rest of its cell into a file.
 _WRITES = re.compile(r"%%writefile\b.*")
-#: How many times JSON is looked for, how deep its values may be nested, and how often quotes may be quoted.
+#: The limits on how many times JSON is looked for, how deep its values are nested, and how often quotes are quoted.
 _MOST_JSON, _DEEPEST, _MOST_QUOTES = 200, 12, 5
 
 

@@ -26,11 +26,11 @@ from tacevo.sandbox.outside import tensors_outside
 _CLASS_ORDER = vars(type)["__mro__"]
 #: Names that decide what a module answers; `object` has the last one.
 _NAMES = MODULE_NAMES | {"__getattribute__"}
-#: How many tensors outside the parameters are looked at.
+#: The largest number of tensors outside the parameters that are looked at.
 _MOST_TENSORS = 10_000
 #: Keeps what watches a candidate's kernels from being called for ours, which takes most of their time.
 unwatched = torch._C._DisableTorchDispatch
-#: What `parametrize` writes into each class that it makes, as code.
+#: The code that `parametrize` writes into each class that it makes.
 _PARAMETRIZED = [part for part in parametrize._inject_new_class.__code__.co_consts if hasattr(part, "co_code")]
 
 

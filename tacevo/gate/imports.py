@@ -1,4 +1,4 @@
-"""What the sandbox gives a candidate without an import, written out, so that its source runs anywhere."""
+"""The imports that the sandbox spares a candidate, written out, so that its source runs anywhere."""
 
 import ast
 import re

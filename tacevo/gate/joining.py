@@ -8,8 +8,8 @@ from typing import NamedTuple
 from tacevo.gate.names import Names, names_of
 from tacevo.gate.policy.allowed import PROVIDED
 
-#: What Python takes words for that are not code: `python`, `Sure,`, `net.py`, `Two-stage`, `Version-2`; a label such as
-#: `[PYTHON]` or `{code:python}`; the first line of a here-document, `cat > net.py <<'END'`.
+#: The nodes that Python takes words for that are not code: `python`, `Sure,`, `net.py`, `Two-stage`, `Version-2`; a
+#: label such as `[PYTHON]` or `{code:python}`; the first line of a here-document, `cat > net.py <<'END'`.
 _WORDS = (
     *(ast.Name, ast.Attribute, ast.Constant, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare),
     *(ast.Tuple, ast.List, ast.Set, ast.Dict),
@@ -32,24 +32,24 @@ def parts_of_network(chosen: ParsedCode, others: Sequence[ParsedCode], name: str
 
     Returns:
         The texts that the block lacks and its own, in the order to run them, without words that are not code; and the
-        places of those that it lacks.
+        indices of those that it lacks.
     """
     dropped = [[*_words(code.tree), *class_statements(code.tree, name)] for code in others]
     names = [names_of(_kept(code.tree, gone)) for code, gone in zip(others, dropped, strict=True)]
     lacked = _lacked(names_of(chosen.tree.body), names, name) if names else []
-    texts = [*(without(others[place], dropped[place]) for place in lacked), without(chosen, _words(chosen.tree))]
+    texts = [*(without(others[index], dropped[index]) for index in lacked), without(chosen, _words(chosen.tree))]
     return texts, lacked
 
 
 def _lacked(own: Names, others: Sequence[Names], name: str) -> list[int]:
-    """Return the places of the blocks that bind at their top level what a block lacks, or what these lack.
+    """Return the indices of the blocks that bind at their top level what a block lacks, or what these lack.
 
     A block that uses the class as soon as it runs is an example of its use.
     """
     having: dict[str, list[int]] = {}
-    for place, names in enumerate(others):
+    for index, names in enumerate(others):
         for bound in names.bound - PROVIDED.keys() if name not in names.used_at_once else ():
-            having.setdefault(bound, []).append(place)
+            having.setdefault(bound, []).append(index)
     taken: set[int] = set()
     known = {*having, *PROVIDED, *_BUILTINS, "annotations"}
     waiting = [*own.lacked, "annotations"]  # from __future__: it changes how the rest is read
@@ -59,7 +59,7 @@ def _lacked(own: Names, others: Sequence[Names], name: str) -> list[int]:
             known |= {lacked, "*"}
         new = set(having.pop(lacked, ())) - taken
         taken |= new
-        waiting += [other for place in new for other in others[place].lacked]
+        waiting += [other for index in new for other in others[index].lacked]
     return sorted(taken)
 
 

@@ -1,4 +1,4 @@
-"""What a candidate's kernels show: FLOPs, backward passes, bits that follow the CPU, random draws (child side).
+"""The record of a candidate's kernels: FLOPs, backward passes, bits that follow the CPU, random draws (child side).
 
 What it promises: it sees every kernel that the probe's passes reach, called by a layer, a function, a method or
 autograd, because it watches torch below all of them. What it does not promise: it does not see a branch that the
@@ -21,7 +21,7 @@ from torch.utils.flop_counter import flop_registry
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.sandbox.candidate import call_plainly
 
-#: How many values of a draw are compared with those of another seed.
+#: The number of values of a draw that are compared with those of another seed.
 _COMPARED = 64
 #: So many values are hardly ever equal under two seeds, even where each is 0 or 1.
 _ENOUGH = 32
@@ -153,16 +153,17 @@ def _distances(first: Tensor, second: Tensor, *_: Any, **__: Any) -> int:
 def _trilinear(first: Tensor, weight: Tensor, second: Tensor, *unsqueezed: Any, **_: Any) -> int:
     """Count what nn.Bilinear calls: one product and one sum for each pair of features, output and row."""
     expanded = [first, weight, second]
-    for place, dimensions in enumerate(unsqueezed[:3]):
+    for index, dimensions in enumerate(unsqueezed[:3]):
         for dimension in dimensions:
-            expanded[place] = expanded[place].unsqueeze(dimension)
+            expanded[index] = expanded[index].unsqueeze(dimension)
     full: torch.Size = torch.broadcast_tensors(*expanded)[0].shape  # type: ignore[no-untyped-call]
     return 2 * full.numel()
 
 
 _aten = torch.ops.aten
 
-#: How kernels are counted, by their names: torch's own formulas, and those of products that torch counts as 0.
+#: The functions that count the FLOPs of kernels, by their names: torch's own formulas, and those of products that torch
+#: counts as 0.
 _FORMULAS: Mapping[Any, Callable[..., int]] = {
     **flop_registry,
     _aten.mkldnn_rnn_layer: _recurrent,

@@ -6,7 +6,7 @@ from collections.abc import Set
 
 from tacevo.gate.blocks import is_code, is_sentence
 
-#: What quotes, numbers or marks a line of code: `>`, `>>>`, `|`, `+` of a diff, a number, a key of JSON.
+#: The signs that quote, number or mark a line of code: `>`, `>>>`, `|`, `+` of a diff, a number, a key of JSON.
 _DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
 #: A statement that only the text of a network has, in the place where it stands.
 _STATEMENT = re.compile(
@@ -14,11 +14,11 @@ _STATEMENT = re.compile(
     r"|\w[\w, .\[\]]*=[ \t]*(?:torch\.)?(?:nn|F)\.\w+\(|(?:for|if|while|with)\b.*\bself\."
 )
 _METHOD = re.compile(r"(?:async[ \t]+)?def[ \t]+\w+[ \t]*\(")
-#: Where a remark to a line of code begins: `x = 1  <- one`, `x = 1 | one`.
+#: The beginning of a remark to a line of code: `x = 1 <- one`, `x = 1 | one`.
 _REMARK = re.compile(r"[ \t]*(?:<[-=]|\u2190|->[ \t]*\w+[ \t]|\u2192|\u2014|\u2013|\||//|#|`|[ \t]{2,}\S|:[ \t]+\S)")
 #: A row of a table, which has more than one cell.
 _ROW = re.compile(r"[ \t]*\|[^|\n]*\|.*\|[ \t]*$")
-#: What no class statement of Python has.
+#: The words and signs that no class statement of Python has.
 FOREIGN = re.compile(r"[{<]|::|\bextends\b|\bimplements\b")
 
 

@@ -1,4 +1,4 @@
-"""What the names of a text mean: which ones it binds at its top level, and which ones it lacks."""
+"""The meaning of the names of a text: which ones it binds at its top level, and which ones it lacks."""
 
 import ast
 from collections.abc import Iterable
@@ -12,11 +12,11 @@ Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 class Names:
     """The names of a text."""
 
-    #: Those that it binds at its top level: imports, classes, functions, and variables in any form of assignment.
+    #: The names that it binds at its top level: imports, classes, functions, and variables in any form of assignment.
     bound: frozenset[str]
-    #: Those that it uses somewhere but does not bind where Python would look for them.
+    #: The names that it uses somewhere but does not bind where Python would look for them.
     lacked: frozenset[str]
-    #: Those that it uses at its top level, so as soon as it runs.
+    #: The names that it uses at its top level, so as soon as it runs.
     used_at_once: frozenset[str]
 
 
@@ -24,7 +24,7 @@ class Names:
 class _Scope:
     """A part of a text that has variables of its own."""
 
-    #: What runs in it; grows while it is walked.
+    #: The nodes that run in it; the list grows while it is walked.
     nodes: list[ast.AST]
     bound: set[str]
     used: set[str]

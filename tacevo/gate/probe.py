@@ -34,11 +34,11 @@ from tacevo.sandbox.protocol import Header
 BATCHES = (2, 5)
 #: The largest batch in evaluation mode, and which of its images is predicted alone, too: one with others on both sides.
 _MOST, _ALONE = 16, 2
-#: Of the largest output: how far a prediction may differ beside other images. Sums in another order gave at most
-#: 2.5e-7 in honest networks, and those that mix the images of a batch 1.7e-3 or more.
+#: The largest difference of a prediction beside other images, in parts of the largest output. Sums in another order
+#: gave at most 2.5e-7 in honest networks, and those that mix the images of a batch 1.7e-3 or more.
 _ROUNDING = 1e-4
-#: How often a network that draws in evaluation mode predicts one image again: one that draws in half of its passes
-#: is then missed once in 256 times.
+#: The number of times that a network predicts one image again which may draw in evaluation mode: one that draws in half
+#: of its passes is then missed once in 256 times.
 _AGAIN = 8
 #: Seed of the probe's images and targets.
 _SEED = 0

@@ -1,4 +1,4 @@
-"""What stands beside a copy of a network that the model was given: whether it shows that the copy is only quoted.
+"""The text beside a copy of a network that the model was given: whether it shows that the copy is only quoted.
 
 Any code does that which is neither an example of using the class nor a repetition of what was given: a fragment, a
 diff, a command, data, statements that change the network. Nobody can say from it what the model meant to return.
@@ -19,10 +19,10 @@ _EDIT = re.compile(
     r"[ \t]*(?:<{5,}|>{5,}|={5,}$|@@|\*{3}[ \t]*(?:Begin|End|Update|Add|Delete)\b|(?:---|\+\+\+)[ \t]+\S+[/.]\S"
     r"|[{\[][ \t]*[\"{])"
 )
-#: What marks a line of code outside of fences: a sign of a diff, a quote, a number, a cell of a table.
+#: The mark before a line of code outside of fences: a sign of a diff, a quote, a number, a cell of a table.
 _MARK = re.compile(r"[ \t]*(?:\|[ \t|\d`]*|(?:[-+>]+|\d+[.:)])[ \t]*)")
 _TAG = re.compile(r"</?[a-z]+[^<>]*>", re.IGNORECASE)
-#: What an example does with a network: it asks for none of its parts and changes none.
+#: The methods that an example calls of a network: they ask for none of its parts and change none.
 _GIVES_ITSELF = frozenset({"eval", "train", "to", "cpu", "cuda", "half", "float", "double"})
 _LISTS_ALL = frozenset({"parameters", "named_parameters", "buffers", "modules", "named_modules"})
 _USES = _GIVES_ITSELF | _LISTS_ALL | {"forward", "state_dict", "load_state_dict", "zero_grad", "shape", "size"}

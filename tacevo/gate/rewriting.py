@@ -25,7 +25,7 @@ from tacevo.gate.policy import allowed
 _COMPILE = "torch.compile"
 #: Modules of which the allow-list has the form of the names only.
 _BY_PATTERN = frozenset({"torch.nn", "torch.nn.modules", "torch.nn.init"})
-#: How deep calls of `torch.compile` may stand in each other to be left out.
+#: The depth to which calls of `torch.compile` in each other are left out.
 _MOST_CALLS = 10
 
 

@@ -15,7 +15,7 @@ from tacevo.profile import MOST_OPERANDS, MOST_STEPS, Step
 
 #: Places of strides and groups in the functions of convolutions: after input, weight, bias; after padding and one more.
 _STRIDE, _GROUPS = 3, 6
-#: What torch's dropout functions take where a call names no probability.
+#: The probability that torch's dropout functions take where a call names no probability.
 _DROPOUT = 0.5
 #: Calls that take no values from their second tensor, only its shape or type.
 _LIKE = {"expand_as", "view_as", "reshape_as", "type_as"}
@@ -72,8 +72,8 @@ def of_layer(op: str, layer: nn.Module) -> Settings:
 def of_call(op: str, args: tuple[Any, ...], kwargs: Mapping[str, Any], inputs: list[Tensor]) -> Settings:
     """Read the settings of a function."""
 
-    def named(name: str, place: int, default: float) -> Any:
-        return kwargs.get(name, args[place] if len(args) > place else default)
+    def named(name: str, index: int, default: float) -> Any:
+        return kwargs.get(name, args[index] if len(args) > index else default)
 
     return _settings(op, inputs, named("stride", _STRIDE, 1), named("groups", _GROUPS, 1), named("p", 1, _DROPOUT))
 

@@ -1,4 +1,4 @@
-"""What models and their chat templates write around code: tags, marks and thoughts."""
+"""The marks that models and their chat templates write around code: tags, marks and thoughts."""
 
 import re
 from collections.abc import Container
@@ -13,8 +13,8 @@ _THOUGHT = r"(?:\w+:)?(?:think|thinking|thoughts?|reasoning|reflection)"
 #: The signs of a tag: `<think>`, the same written for HTML, Mistral's `[THINK]` and Kimi's `\u25c1think\u25b7`.
 _LEFT, _RIGHT = r"(?:<|&lt;|\u25c1)", r"(?:>|&gt;|\u25b7)"
 
-#: What opens or closes a thought, unless it is inline code in backticks. In OpenAI's harmony format each channel but
-#: `final` is a thought.
+#: The tag that opens or closes a thought, unless it is inline code in backticks. In OpenAI's harmony format each
+#: channel but `final` is a thought.
 _BORDER = re.compile(
     rf"(?P<first>^[ \t]*)?(?:"
     rf"(?P<opens>(?<!(?<!`)`)(?:{_LEFT}[ \t]*(?P<name>{_THOUGHT})(?:\s[^<>&]*)?(?<!/){_RIGHT}(?:\s*<(?P=name)>)*"

@@ -38,10 +38,10 @@ _CONTAINERS = (
 class Trace:
     """One forward pass."""
 
-    #: What the network returned.
+    #: The value that the network returned.
     output: Any
     graph: Graph
-    #: The same pass with activations, shapes and settings, at most `tacevo.profile.MOST_STEPS` of them.
+    #: The pass with activations, shapes and settings, at most `tacevo.profile.MOST_STEPS` of them.
     steps: tuple[Step, ...]
     #: The steps that the output comes from.
     ends: tuple[int, ...]

@@ -15,7 +15,7 @@ from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
 from tacevo.sandbox.attributes import MODULE_NAMES
 
-#: How layers are called that are imported by their names, and what is a loss and no layer.
+#: The names of layers that a text imports by name, and those of losses, which are not layers.
 _LAYER = re.compile(
     r"Conv|Linear|Bilinear|Sequential|Module|Parameter|(?:Batch|Layer|Group)Norm|\w*(?:Pool|ReLU|GELU|SiLU)"
 )
@@ -31,7 +31,7 @@ _MAY_STAND_FOR_CODE = re.compile(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """What is no other version where it stands beside the chosen one."""
+    """The text that is not another version where it stands beside the chosen one."""
 
     #: The chosen version.
     tree: ast.Module
@@ -41,7 +41,7 @@ class Known:
     lines: Set[str]
     #: The `statements_of` the same.
     statements: Set[str]
-    #: What the bodies of their classes mean.
+    #: The meaning of the bodies of their classes.
     bodies: Set[object]
 
     @classmethod

@@ -18,7 +18,7 @@ from tacevo.records import Completion, Delivery, Json, Request
 #: Seconds for an answer, and for a connection to stand.
 TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
 
-#: What the SDK raises, or lets through, where there is no usable answer.
+#: The errors that the SDK raises, or lets through, where there is no usable answer.
 FAILURES = (anthropic.AnthropicError, ValueError, RecursionError)
 
 

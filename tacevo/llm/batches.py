@@ -35,7 +35,7 @@ from tacevo.storage.store import Store
 from tacevo.text import counted
 from tacevo.typed import parse
 
-#: How often a request is submitted that expires, or on which the server fails.
+#: The number of times that a request is submitted which expires, or on which the server fails.
 SUBMISSIONS = 3
 
 #: Requests of one batch; the server takes more, but no more than 256 MB.
@@ -60,11 +60,11 @@ class BatchLLM:
     #: Connects to the server; called for every `complete`.
     connect: Callable[[], anthropic.Anthropic]
     _: KW_ONLY
-    #: Of completions; tells which answers of a batch are kept.
+    #: The store of completions; it tells which answers of a batch are kept.
     store: Store
-    #: Where submitted batches are written down.
+    #: The directory where submitted batches are written down.
     directory: Path
-    #: What is known of the models before the first request.
+    #: The facts that are known of the models before the first request.
     models: Models
     patience: Patience = field(default_factory=Patience)
     #: Seconds between two looks at a batch.

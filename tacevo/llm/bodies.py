@@ -1,4 +1,4 @@
-"""What a server's body says, as far as it can be read; pure.
+"""The reading of a server's body, as far as it can be read; pure.
 
 A text is paid for, so it is never thrown away because of what stands beside it: what is missing or nonsense there is
 unknown. Without a text there is no answer, nor with one that the server marks as failed; the request is asked again.

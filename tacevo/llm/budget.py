@@ -25,7 +25,7 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class Account:
-    """What the answers of one run cost, each request counted once; of a request only its hash is kept."""
+    """The cost of the answers of one run, each request counted once; of a request only its hash is kept."""
 
     #: Prices an answer that was recorded without one.
     price_of: Callable[[Request, Completion], Price | None]
@@ -60,12 +60,12 @@ class BudgetedLLM:
     """
 
     inner: Provider
-    #: What the run's answers have cost; `RecordingLLM` adds each answer before it takes the next.
+    #: The cost of the run's answers so far; `RecordingLLM` adds each answer before it takes the next.
     account: Account
     _: KW_ONLY
-    #: In US dollars.
+    #: The most that the answers may cost, in US dollars.
     limit: float
-    #: Of the model that is asked, for the worst case.
+    #: The price of the model that is asked, for the worst case.
     price: Price
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:

@@ -1,4 +1,4 @@
-"""What a run learns and says of its models, and what becomes of requests without an answer; for every provider."""
+"""The failures of every provider: what a run learns of its models, and what becomes of requests without an answer."""
 
 import logging
 from collections import Counter
@@ -19,7 +19,7 @@ _LOG = logging.getLogger(__name__)
 #: The stop reason of an answer that repeats the key, in the place of its own.
 KEY_REPEATED = "key_repeated"
 
-#: How many models a message names of those that a server lists.
+#: The number of models that a message names of those that a server lists.
 _MOST_NAMES = 20
 
 
@@ -55,7 +55,7 @@ class Models:
         self.served: tuple[str, ...] = ()
         self._dropped: dict[str, tuple[str, ...]] = {}
         self._answers: dict[Choice, bool] = {}
-        #: When the latest request that a model answered was sent.
+        #: The time when the latest request that a model answered was sent, by the model.
         self._answered: dict[str, float] = {}
         self._reported: set[str] = set()
 

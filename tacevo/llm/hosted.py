@@ -48,7 +48,7 @@ _WRITERS = 16
 class Server(Protocol):
     """One provider's SDK, connected; its connections belong to the event loop that uses them."""
 
-    #: What may appear in no message and no answer: the key.
+    #: The texts that may appear in no message and no answer: the key.
     secrets: tuple[str, ...]
     #: Sampling settings that every request is sent with, beside those that it names itself.
     sampling: tuple[str, ...]
@@ -107,7 +107,7 @@ class HostedLLM:
     _: KW_ONLY
     #: Requests in flight at once.
     concurrency: int
-    #: What is known of the models before the first request.
+    #: The facts that are known of the models before the first request.
     models: Models
     patience: Patience = field(default_factory=Patience)
 
@@ -271,7 +271,7 @@ _LISTING = 15.0
 
 
 class SDKServer:
-    """What the servers of all SDKs have in common (see `Server`).
+    """The base of the servers of all SDKs (see `Server`).
 
     Args:
         clients: asked in turn.

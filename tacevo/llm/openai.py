@@ -29,10 +29,10 @@ except ModuleNotFoundError as missing:
 #: Seconds for an answer, and for a connection to stand; a server of one's own may think for long.
 TIMEOUT = httpx2.Timeout(1800.0, connect=15.0)
 
-#: What the SDK raises, or lets through, where there is no usable answer.
+#: The errors that the SDK raises, or lets through, where there is no usable answer.
 _FAILURES = (openai.OpenAIError, ValueError, RecursionError)
 
-#: What servers call the token limit.
+#: The names that servers give to the token limit.
 _LIMITS = ("max_tokens", "max_completion_tokens")
 
 #: Stands for the key where a server wants none: the SDK insists on one.
@@ -46,9 +46,9 @@ def from_settings(given: Given) -> HostedLLM:
 
 @dataclass(slots=True)
 class Dialect:
-    """What a run learns of how its server spells things; no answer depends on that, so it is recorded nowhere."""
+    """The spelling of a server, as a run learns it; no answer depends on that, so it is recorded nowhere."""
 
-    #: What the server calls the token limit; None until it refused one name and took the other.
+    #: The server's name for the token limit; None until it refused one name and took the other.
     limit: str | None = None
 
 

@@ -1,4 +1,4 @@
-"""What tokens cost: a dated table, the price of one answer, and the most that a request can cost. Pure."""
+"""The prices of tokens: a dated table, the price of one answer, and the most that a request can cost. Pure."""
 
 import re
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ class ListedPrice(Record):
     output_usd: Annotated[float, Ge(0)]
     dated: _Day
     source: str
-    #: From which day on the provider no longer serves the model, as far as that is announced.
+    #: The day from which on the provider no longer serves the model; None where none is announced.
     retired: _Day | None = None
 
 
@@ -39,8 +39,8 @@ class PriceTable(Record):
 
     models: dict[str, ListedPrice]
     batch_factor: Annotated[float, Ge(0)]
-    #: What an input token costs that is read from the provider's cache, and one that is written there, as parts of the
-    #: input price; None where that is not known.
+    #: The price of an input token that is read from the provider's cache, and of one that is written there, as parts of
+    #: the input price; None where that is not known.
     cache_read_factor: Annotated[float, Ge(0)] | None = None
     cache_write_factor: Annotated[float, Ge(0)] | None = None
 

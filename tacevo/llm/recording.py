@@ -72,15 +72,15 @@ class RecordingLLM:
     #: The completions, keyed by the whole request.
     store: Store
     _: KW_ONLY
-    #: What an answer's tokens cost today, stored with it; None without a price table.
+    #: The price of an answer's tokens today, stored with it; None without a price table.
     price: Callable[[Request, Completion], Price | None] | None = None
     #: Called with every answer, recorded or new, before it is yielded.
     count: Callable[[Request, Completion], object] = unkept
     #: Whether it is another server than the provider's own that answers.
     elsewhere: bool = False
-    #: What the server calls the model, where requests have a label in its place.
+    #: The server's name for the model, where requests have a label in its place.
     unlabelled: str | None = None
-    #: What it answered so far.
+    #: The count of its answers so far, and of their costs.
     tally: Tally = field(default_factory=Tally)
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:

@@ -1,4 +1,4 @@
-"""What may go wrong between a request and its answer, and what follows from it; the same for every provider.
+"""The faults between a request and its answer, and what follows from each; the same for every provider.
 
     passing    rate limit, overload, time-out, server error, lost connection, unreadable or failed answer: asked again
     request    this request can never be answered (too long, filtered): recorded as an answer without text
@@ -40,7 +40,7 @@ from tacevo.llm.words import (
 )
 from tacevo.records import Json
 
-#: What a provider draws its tokens by, and a model may refuse; the last one named goes first.
+#: The settings by which a provider draws tokens, and which a model may refuse; the last one named goes first.
 SAMPLING = ("temperature", "top_p", "top_k", "seed")
 
 #: Characters of a server's words that a message has.
@@ -57,7 +57,7 @@ _UNSENT = (
 
 
 class FaultKind(StrEnum):
-    """What follows from a fault; see the module."""
+    """The kind of a fault, by what follows from it; see the module."""
 
     passing = "passing"
     request = "request"
@@ -71,7 +71,7 @@ class Fault:
     """One failed try."""
 
     kind: FaultKind
-    #: For a person, in the server's words where it has any.
+    #: The fault as a person is told, in the server's words where it has any.
     message: str
     #: The HTTP status; 0 where there was none.
     status: int = 0
@@ -80,7 +80,7 @@ class Fault:
     silent: bool = False
     #: Seconds that the server asks to wait; None where it does not say.
     retry_after: float | None = None
-    #: When it happened, by `time.monotonic`.
+    #: The time when it happened, by `time.monotonic`.
     at: float = field(default_factory=time.monotonic, compare=False)
 
     @property
@@ -95,7 +95,7 @@ class Fault:
 
     @property
     def remedy(self) -> str:
-        """What the user can do about a refusal."""
+        """The remedy: what the user can do about a refusal."""
         if self.status in {401, 403}:
             return "check the API key, and what it may be used for"
         if lacks_money(self.status, self.message):
@@ -115,10 +115,10 @@ class FaultError(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patience:
-    """How often a request is tried, and how long between the tries; times in seconds."""
+    """The number of tries of a request, and the waits between them; times in seconds."""
 
     tries: int = 10
-    #: How often, where nothing ever came from the server.
+    #: The number of tries where nothing ever came from the server.
     tries_unheard: int = 4
     first: float = 0.5
     #: The longest wait of our own choice.

@@ -1,4 +1,4 @@
-"""Why a server ended an answer, in the words of the Messages API, which the gate knows; pure.
+"""The reason why a server ended an answer, in the words of the Messages API, which the gate knows; pure.
 
 Servers have dozens of words for it. They are compared without case and signs, so `MAX_TOKENS`, `max-tokens` and
 `FinishReason.MAX_TOKENS` are one. A word that nobody knows counts as that of an answer that may be cut off.
@@ -24,12 +24,12 @@ _FINISHED = {
     "functioncall": "function_call",
 }
 
-#: How such words begin that name the token or the text at which the model ended.
+#: The beginnings of such words as name the token or the text at which the model ended.
 _ENDED_BY = {"eos": "end_turn", "eot": "end_turn", "endof": "end_turn"} | dict.fromkeys(
     ["stopsequence", "stopstring", "stopstr", "stoptoken", "stopword"], "stop_sequence"
 )
 
-#: What stands in the words for the other ends; the first that is found counts: `error_limit` tells of a limit.
+#: The parts of the words for the other ends; the first that is found counts: `error_limit` tells of a limit.
 _REFUSED = re.compile(
     "filter|safety|refus|polic|block|moderat|prohibit|sensitive|guardrail|flag|toxic|recitation|spii|violat"
 )
@@ -39,7 +39,7 @@ _FAILED = re.compile(
     "|malformed|crash|unload|preempt|disconnect|userstop"
 )
 
-#: What stands before the word itself where a server writes the name of a constant.
+#: The prefix of the word where a server writes the name of a constant.
 _NAME = re.compile("^(finish|stop)?reason(?=.)")
 
 

@@ -23,10 +23,10 @@ DECODER = json.JSONDecoder(parse_int=lambda digits: int(digits) if len(digits) <
 #: The last event of a chat-completions stream.
 _DONE = "[DONE]"
 
-#: What begins a line of an event stream that holds no data: the other fields, and comments.
+#: The beginning of a line of an event stream that holds no data: the other fields, and comments.
 _OTHER = re.compile("(event|id|retry)?:")
 
-#: What stands between two values.
+#: The blanks between two values.
 _BLANK = re.compile(r"\s*")
 
 #: The kinds of parts of a message that hold text.
@@ -46,19 +46,19 @@ def read_values(text: str) -> tuple[list[Json], bool]:
     lines = (line for line in re.split("\\r\\n|\\n|\\r", text.lstrip("\ufeff")) if not _OTHER.match(line))
     left = "\n".join(line.removeprefix("data:") for line in lines).strip()
     values: list[Json] = []
-    place = 0
-    while place < len(left) and not left.startswith(_DONE, place):
+    position = 0
+    while position < len(left) and not left.startswith(_DONE, position):
         try:
-            value, end = DECODER.raw_decode(left, place)
+            value, end = DECODER.raw_decode(left, position)
         except ValueError:
             if not values:
                 raise
             break
         values.append(value)
-        place = _BLANK.match(left, end).end()  # type: ignore[union-attr]
+        position = _BLANK.match(left, end).end()  # type: ignore[union-attr]
     if not values:
         raise ValueError("it is empty")
-    return values, left.startswith(_DONE, place)
+    return values, left.startswith(_DONE, position)
 
 
 def joined(values: Sequence[Json], is_done: bool) -> Json:
@@ -80,7 +80,7 @@ def joined(values: Sequence[Json], is_done: bool) -> Json:
 
 @dataclass(slots=True, kw_only=True)
 class _Pieces:
-    """What the events of a stream have said so far, in either API."""
+    """The pieces of an answer that a stream's events have brought so far, in either API."""
 
     is_finished: bool
     is_chat: bool = True

@@ -1,4 +1,4 @@
-"""What stands between an SDK and a server: limits of bodies, requests that are not sent yet, proxies, certificates."""
+"""The layer between an SDK and a server: limits of bodies, requests that are not sent yet, proxies, certificates."""
 
 import contextlib
 import errno
@@ -62,7 +62,7 @@ def bound(response: httpx2.Response, most: int = MOST_BYTES) -> None:
 
 @dataclass(slots=True)
 class Sending:
-    """How far a request is."""
+    """The progress of a request that is being sent."""
 
     #: Whether nothing of it is sent yet, because the connection does not stand.
     waits: bool = False
@@ -89,7 +89,7 @@ async def _bound(response: httpx2.Response) -> None:
     bound(response, MOST_STREAMED if is_stream else MOST_BYTES)
 
 
-#: What the HTTP client of an SDK calls before it sends a request, and before it reads a body.
+#: The functions that an SDK's HTTP client calls before it sends a request, and before it reads a body.
 HOOKS = {"request": [_begin], "response": [_bound]}
 
 
@@ -182,5 +182,5 @@ def by_proxy(address: httpx2.URL) -> str:
     return f", through the proxy that {named.upper()}_PROXY names"
 
 
-#: For a client of batches, whose results are one body.
+#: The limit of a body for a client of batches, whose results are one body.
 bound_results = partial(bound, most=2**30)

@@ -1,4 +1,4 @@
-"""What the error of a server says: its words, and the status that a code in it stands for; pure.
+"""The error of a server: its words, and the status that a code in it stands for; pure.
 
 Servers, and routers before them, give an error any status, also 200, and say in the body what is meant. So a code there
 decides as a status would, unless the status itself says exactly what is wrong.
@@ -47,7 +47,8 @@ _INVALID = frozenset(
     {"invalidrequesterror", "badrequesterror", "badrequest", "invalidargument", "invalidrequest", "validationerror"}
 )
 
-#: How servers say that there is no money or no account, some with a status that would otherwise blame the request.
+#: The words by which servers say that there is no money or no account, some with a status that would otherwise blame
+#: the request.
 _NO_MONEY = re.compile(
     r"insufficient[ _](quota|balance|credits?|funds)|exceeded_current_quota|arrear|account is (not )?in good standing"
     r"|account\b[^.]{0,80}\bis suspended|余额不足|欠费",
@@ -59,7 +60,7 @@ _PAYMENT = re.compile(
     re.IGNORECASE,
 )
 
-#: How servers say that the key is wrong, and that there is no such model, where the status says neither.
+#: The words by which servers say that the key is wrong, and that there is no such model, where the status says neither.
 _WRONG_KEY = re.compile(
     r"\b(invalid|incorrect|wrong|missing|expired|revoked)\b[^.]{0,20}\b(api[ _-]?key|credentials?|access token)\b"
     r"|\b(api[ _-]?key|credentials?)\b[^.]{0,30}\b(not valid|invalid|incorrect|expired|missing|not found|revoked)"
@@ -71,7 +72,8 @@ _NO_MODEL = re.compile(
     re.IGNORECASE,
 )
 
-#: How servers say that a request does not fit into a model: whatever the status, and where that blames the request.
+#: The words by which servers say that a request does not fit into a model: whatever the status, and where that blames
+#: the request.
 _CONTEXT = re.compile(
     r"(context[ _]?(length|window|size|limit).{0,80}(exceed|limit|maxim|longer|larger|greater|too |overflow|reduce)"
     r"|(exceed|maxim|longer than|larger than|greater than|too (long|large|many)).{0,80}context[ _]?(length|window|size)"
@@ -85,7 +87,7 @@ _CONTEXT = re.compile(
 )
 _TOO_LONG = re.compile(r"too (long|large)\b|context[ _]?(length|window|size)|too many (input |prompt )?tokens", re.I)
 
-#: How servers say that they will not answer a request because of what it is about.
+#: The words by which servers say that they will not answer a request because of what it is about.
 _FILTERED = re.compile(
     r"content[ _-]?(filter|policy|management policy|moderation|violation)|ResponsibleAIPolicy|prohibited[ _]content"
     r"|\b(inputs?|prompts?|requests?|quer(y|ies)|messages?|contents?|texts?|outputs?|responses?|completions?|answers?)\b"
@@ -97,10 +99,10 @@ _FILTERED = re.compile(
     r"|sensitive[ _](content|information|words?)",
     re.IGNORECASE,
 )
-#: Those of them that no word about an account beside them puts in doubt.
+#: The words among these that no word about an account beside them puts in doubt.
 _CERTAINLY_FILTERED = re.compile(r"\bcontents? violat|safety[ _]check|usage guidelines", re.IGNORECASE)
 
-#: How they say that it is a rate, or not the request, that is forbidden, and that something will pass.
+#: The words by which they say that it is a rate, or not the request, that is forbidden, and that something will pass.
 _RATE = re.compile(r"\bper (second|minute|hour|day|month)\b|\b[tr]p[md]\b", re.IGNORECASE)
 _ACCOUNT = re.compile(
     r"\b(account|organi[sz]ation|api[ _-]?key|subscription|project|workspace|region|country|permission|ip address)\b",
@@ -112,7 +114,7 @@ _TRANSIENT = re.compile(
     re.IGNORECASE,
 )
 
-#: How servers say that a model has no system prompt.
+#: The words by which servers say that a model has no system prompt.
 _NO_SYSTEM = re.compile(r"\bsystem\b|roles? must alternate|\bonly user\b|developer instruction", re.IGNORECASE)
 
 

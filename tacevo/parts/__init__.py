@@ -14,7 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tacevo.parts.deciding import (
+    from tacevo.parts.protocols import (
         Archive,
         Candidate,
         Descriptor,
@@ -47,7 +47,7 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used: NumPy takes a while."""
     if name not in __all__:
         raise AttributeError(f"module 'tacevo.parts' has no attribute {name!r}")
-    return getattr(importlib.import_module("tacevo.parts.deciding"), name)
+    return getattr(importlib.import_module("tacevo.parts.protocols"), name)
 
 
 def __dir__() -> list[str]:

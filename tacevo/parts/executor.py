@@ -19,11 +19,11 @@ Notice = Callable[[Mapping[str, str]], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """What a run demands of each machine that runs candidates; it goes to all of them, and holds no key."""
+    """The demands of a run on each machine that runs candidates; it goes to all of them, and holds no key."""
 
-    #: What a sandbox runs: entry names to functions.
+    #: The functions that a sandbox runs, by entry name.
     entries: Mapping[str, str]
-    #: What it calls before it confines a candidate; None for nothing.
+    #: The function that it calls before it confines a candidate; None for nothing.
     equip: str | None
     #: The variables of a candidate's process that decide its results.
     environment: Mapping[str, str]
@@ -31,7 +31,7 @@ class Order:
     device: Device
     #: The model of the GPU; None for any, or on a CPU.
     gpu: str | None
-    #: Most trainings on one GPU at once; None for as many as fit, on this machine.
+    #: The most trainings on one GPU at once; None for as many as fit, on this machine.
     per_gpu: int | None
     #: The weakest confinement that will do.
     require: Confinement

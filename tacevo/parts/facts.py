@@ -1,4 +1,4 @@
-"""What is known of our sources and providers by their names alone: nothing is imported for it.
+"""The facts of our sources and providers by their names alone: nothing is imported for it.
 
 A recorded run is read, shown, compared and replayed by these facts where the part itself is not installed. Of a part
 that is not ours, the defaults hold.
@@ -13,7 +13,7 @@ from tacevo.records import Delivery
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceFacts:
-    """What is known of a source."""
+    """The facts that are known of a source."""
 
     #: Settings of `data` that it uses, where they have an effect (`tacevo.config.sources`); beside `EVERY_SOURCE`.
     uses: frozenset[str] = frozenset()
@@ -23,16 +23,16 @@ class SourceFacts:
     is_looked_up: bool = False
     #: Whether it reads the TacVerse release, which has its own split and names.
     is_release: bool = False
-    #: What `data.root` must name, `directory` or `file`; empty where it may be left out.
+    #: The kind of thing that `data.root` must name, `directory` or `file`; empty where it may be left out.
     root: str = ""
     #: The largest `data.image_size`, in pixels.
     largest: int = 1024
-    #: What `data.sensor_column` is: the name of a `column` or `array`, or a `level` of directories; empty where a user
-    #: cannot say so which sensor recorded an image.
+    #: The meaning of `data.sensor_column`: the name of a `column` or `array`, or a `level` of directories; empty where
+    #: a user cannot say so which sensor recorded an image.
     names_sensors: str = ""
     #: Whether the files themselves say which images belong together.
     has_groups: bool = False
-    #: How a user says which images were recorded together; empty where that cannot be said.
+    #: The setting by which a user says which images were recorded together; empty where that cannot be said.
     grouping: str = ""
 
 
@@ -90,7 +90,7 @@ SOURCES: Mapping[str, SourceFacts] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProviderFacts:
-    """What is known of a provider."""
+    """The facts that are known of a provider."""
 
     #: Whether a language model answers; if not, it draws networks from a grammar, which a space may bound.
     is_model: bool = True
@@ -100,7 +100,7 @@ class ProviderFacts:
     variable: str = ""
     #: The further sampling settings that it knows.
     sampling: tuple[str, ...] = OPTIONAL_SAMPLING
-    #: How its answers may be asked for.
+    #: The ways in which its answers may be asked for.
     deliveries: tuple[Delivery, ...] = (Delivery.direct,)
 
 

@@ -14,9 +14,9 @@ MOST_BYTES, MOST_FILES = 1_000_000, 200
 class Kind:
     """One kind of parts."""
 
-    #: Also the group of its entry points: `tacevo.parents`.
+    #: The name of the kind, also that of the group of its entry points: `tacevo.parents`.
     name: str
-    #: What a part of this kind does, for a list of them.
+    #: The work of a part of this kind, for a list of kinds.
     does: str
     #: The setting that chooses one; empty where all that are installed are used.
     setting: str
@@ -66,7 +66,7 @@ SOURCES = Kind(
         "folder": "tacevo.data.sources.folder:from_settings",
         "tacverse": "tacevo.data.sources.tacverse:from_settings",
         "numpy": "tacevo.data.sources.arrays:from_settings",
-        "table": "tacevo.runs.looked_up:LookedUp",
+        "table": "tacevo.runs.table_answers:LookedUp",
     },
 )
 

@@ -1,4 +1,4 @@
-"""What can be said of parts without importing them: what each does, and what is not installed."""
+"""The facts of parts that are known without importing them: what each does, and what is not installed."""
 
 import ast
 import re

@@ -18,16 +18,16 @@ from tacevo.typed import convert
 class Given:
     """The settings that a part is made from."""
 
-    #: Its group, such as `data`, and the settings there by name, as the configuration has them.
+    #: The group of the part, such as `data`, and the settings there by name, as the configuration has them.
     group: str
     settings: Mapping[str, Any]
-    #: Its own settings, `parts.NAME.*`.
+    #: The part's own settings, `parts.NAME.*`.
     own: Mapping[str, Json]
     #: The name of the task.
     task: str
     #: The directory of the stores.
     root: Path
-    #: What models cost, for a provider (`tacevo.llm.prices.PriceTable`).
+    #: The prices of models, for a provider (`tacevo.llm.prices.PriceTable`).
     prices: Any = None
 
 

@@ -35,7 +35,7 @@ class Section:
 
 
 class Output:
-    """What an output adds: nothing, until a method is overridden.
+    """The base of outputs: it adds nothing until a method is overridden.
 
     An output of your own is a class that is made without arguments, named by an entry point of the group
     `tacevo.outputs`. Its tables and figures stand beside ours in what `tacevo tables`, `figures`, `ablations` and

@@ -1,4 +1,4 @@
-"""Where parts are found: ours, those of installed packages, and files that a user names.
+"""The registry of parts: ours, those of installed packages, and files that a user names.
 
 Nothing is imported to list parts. One of ours is found first, so a package cannot take its name.
 """
@@ -33,14 +33,14 @@ class Part:
     """A part, found by its name."""
 
     kind: Kind
-    #: What a run records of it, and the name of its own settings: of a part in a file, that of the class.
+    #: The name that a run records of the part, and that of its own settings: of a part in a file, the class's name.
     name: str
     #: The module that it is in, by its dotted name; of a part in a file, that of the file without `.py`.
     module: str
     attribute: str
-    #: Who it comes from: `tacevo`, a distribution with its version, or a file.
+    #: The origin of the part: `tacevo`, a distribution with its version, or a file.
     origin: str
-    #: Of a part in a file.
+    #: The file of a part in a file; None of another one.
     file: Path | None = None
 
     @property
@@ -163,14 +163,14 @@ def _in_file(kind: Kind, file: Path, name: str) -> Part:
 
 def import_file(file: Path) -> ModuleType:
     """Import a file as a module of a name that no other file has; what lies beside it can be imported by it, too."""
-    place = file.resolve()
-    name = f"tacevo_part_{file.stem}_{hashlib.sha256(str(place).encode()).hexdigest()[:8]}"
-    spec = importlib.util.spec_from_file_location(name, place)
+    path = file.resolve()
+    name = f"tacevo_part_{file.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None  # the file ends with .py
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    if str(place.parent) not in sys.path:
-        sys.path.append(str(place.parent))  # behind all that is installed
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))  # behind all that is installed
     sys.modules[name] = module  # where a dataclass looks the types of its fields up
     try:
         spec.loader.exec_module(module)

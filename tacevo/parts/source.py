@@ -25,7 +25,7 @@ class Split:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Catalogue:
-    """What a source holds, before any picture is made."""
+    """The catalogue of a source: what it holds, before any picture is made."""
 
     kind: Kind
     #: Names of the regressed values or of the classes, in the order of the outputs.
@@ -50,13 +50,13 @@ class Catalogue:
     recorded_size: tuple[int, int] | None = None
     #: The file of every picture; None where they come from no files of their own.
     files: Sequence[Path] | None = None
-    #: What a message calls each picture, e.g. `line 3 'a.png'`; None: its row.
+    #: The name of each picture in messages, e.g. `line 3 'a.png'`; None: its row.
     places: Sequence[str] | None = None
     #: The bits that each file has for a value; empty where the pictures come from no files of their own.
     depths: Sequence[int] = ()
     #: One call per picture: its largest stored value, and the value that becomes 255. Empty where pictures are drawn.
     extents: Sequence[Callable[[], tuple[float, float]]] = ()
-    #: How many labelled rows were left out because their image is missing.
+    #: The number of labelled rows that were left out because their image is missing.
     skipped: int = 0
     #: Files that lie among the images and are not part of the data set.
     ignored: Sequence[Path] = ()
@@ -64,7 +64,7 @@ class Catalogue:
     passed_over: Sequence[PurePath] = ()
     #: The lines of a table that have separators and no value.
     blank: Sequence[int] = ()
-    #: What a message calls the images that lie outside the directory of the data set, where links lead.
+    #: The names in messages of the images that lie outside the directory of the data set, where links lead.
     linked: Sequence[str] = ()
     #: The settings that select images of the recording, as a user writes them.
     selected: tuple[str, ...] = ()

@@ -12,8 +12,8 @@ from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 
 from tacevo.errors import ConfigError
-from tacevo.parts.deciding import ALLOWED, is_allowed
 from tacevo.parts.kinds import MOST_BYTES, MOST_FILES
+from tacevo.parts.protocols import ALLOWED, is_allowed
 from tacevo.parts.registry import Part
 
 #: Names that no module of a part may have: another one would be imported in its place.
@@ -128,8 +128,8 @@ def _root(part: Part) -> tuple[Path, str]:
     if spec is not None and spec.origin is not None:
         path = Path(spec.origin)
         return (path.parent.parent if spec.submodule_search_locations else path.parent), top
-    for place in (spec and spec.submodule_search_locations) or ():  # of a namespace, which several packages share
-        if (root := Path(place).parent) and any(_files(root, part.module)):
+    for folder in (spec and spec.submodule_search_locations) or ():  # of a namespace, which several packages share
+        if (root := Path(folder).parent) and any(_files(root, part.module)):
             return root, top
     expected = "a part whose package is installed with its sources"
     raise ConfigError(f"no module {part.module if spec else top}", place=part.place, expected=expected)
@@ -139,8 +139,8 @@ def _files(root: Path, module: str) -> Iterator[PurePosixPath]:
     """Yield the files that an import of a module runs: those of the packages above it, and its own."""
     names = module.split(".")
     for depth in range(1, len(names) + 1):
-        place = PurePosixPath(*names[:depth])
-        for file in (place / "__init__.py", place.with_name(f"{place.name}.py")):
+        path = PurePosixPath(*names[:depth])
+        for file in (path / "__init__.py", path.with_name(f"{path.name}.py")):
             if (root / file).is_file():
                 yield file
                 break

@@ -12,7 +12,7 @@ from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Mode, Rejection
 from tacevo.results.run import RecordedRun
 from tacevo.rules import CORES, check_known
-from tacevo.runs.deciding import Decisions, Parts
+from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.wiring import Workbench, build_plan
@@ -28,18 +28,18 @@ class Replayed:
     digest: str
     #: Ledger lines that were compared.
     lines: int
-    #: What the answers of each candidate cost when they were recorded; the replay itself makes no call.
+    #: The cost of each candidate's answers when they were recorded; the replay itself makes no call.
     spending: Mapping[str, Spending]
     #: Names of the candidates' files that were compared.
     files: frozenset[str]
-    #: How many decisions each part made that a user brought, by the setting that chose it; and whether they were made
-    #: again, and not only recalled.
+    #: The number of decisions of each part that a user brought, by the setting that chose it; and whether they were
+    #: made again, and not only recalled.
     decisions: Mapping[str, int] = field(default_factory=dict)
     trusted: bool = False
 
     @property
     def spent(self) -> Spending:
-        """What all of them cost."""
+        """The cost of all of them."""
         return total(self.spending.values())
 
 
@@ -108,7 +108,7 @@ class _Verifier(Watcher):
     def __init__(self, directory: RunDirectory, plan: Plan, view: Progress, trivial: float | None) -> None:
         super().__init__(plan, view, trivial, is_replay=True)
         self._directory = directory
-        #: What each candidate's answers cost.
+        #: The cost of each candidate's answers.
         self.spending: dict[str, Spending] = {}
         #: Names of the files that were compared.
         self.files: list[str] = []

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 #: Fields of a ledger line that hold a training's numbers, in the order in which they are compared.
 _FIELDS = ("train_losses", "validation_losses", "predictions", "weights")
 
-#: Why a training may end on one machine and not on another.
+#: The reasons for which a training may end on one machine and not on another.
 BY_MACHINE = {Reason.out_of_time, Reason.out_of_memory}
 
 #: Packages whose version may change training bits.
@@ -170,8 +170,8 @@ def describe(lines: Sequence[CandidateLine], of: int, choice: str, did: str = "t
 
 def sampled(keys: Sequence[T], count: int, seed: int) -> list[T]:
     """Draw keys without repetition, in their order."""
-    places = stream(seed, "retrain").choice(len(keys), count, replace=False)
-    return [keys[place] for place in sorted(places.tolist())]
+    indices = stream(seed, "retrain").choice(len(keys), count, replace=False)
+    return [keys[index] for index in sorted(indices.tolist())]
 
 
 def difference(line: CandidateLine, result: Training | Rejection) -> str | None:

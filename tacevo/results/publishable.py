@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePath
 
-from tacevo.config.deciding import DECIDING
+from tacevo.config.recorded_parts import DECIDING
 from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Self
 
 from tacevo.choices import PAPER_AXES, Scale
-from tacevo.config.deciding import constant
 from tacevo.config.identity import identity, task_hash
+from tacevo.config.recorded_parts import constant
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.sources import are_grouped
 from tacevo.costs import Spending

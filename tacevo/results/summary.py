@@ -6,7 +6,7 @@ It follows from the ledger; of candidates that are alike in all that it says, al
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 
-from tacevo.config.deciding import brought, constant, own_axes
+from tacevo.config.recorded_parts import brought, constant, own_axes
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.evolution.lines import (

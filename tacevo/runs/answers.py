@@ -79,7 +79,7 @@ def _answered(text: str, stop_reason: str = "end_turn") -> Completion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Recording:
-    """What is read of a JSON recording: a `response`, or else a `source`."""
+    """The fields that are read of a JSON recording: a `response`, or else a `source`."""
 
     response: str | None = None
     source: str | None = None

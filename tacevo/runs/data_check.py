@@ -24,8 +24,8 @@ from tacevo.errors import ConfigError
 from tacevo.parts.source import Catalogue
 from tacevo.records import DataFacts, Task
 from tacevo.runs.data_report import Image, Inspection
+from tacevo.runs.data_warnings import told, warnings_of
 from tacevo.runs.datasets import load_data, load_same, source_of
-from tacevo.runs.doubts import doubts_of, told
 from tacevo.runs.progress import Progress
 from tacevo.text import counted
 
@@ -84,7 +84,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         nearly_equal=tuple((image(row), image(other)) for row, other in alike),
         prompt=told(task),
         warnings=(
-            *doubts_of(config, task, dataset, catalogue),
+            *warnings_of(config, task, dataset, catalogue),
             *_alike_words(len(alike), "" if groups is not None else config.data.facts.grouping),
             *(["data.root is not the whole release: what differs stands above"] if differing else []),
         ),

@@ -1,4 +1,4 @@
-"""What `tacevo data check` found: a record that is its JSON, and the same as text for a person."""
+"""The report of `tacevo data check`: a record that is its JSON, and the same as text for a person."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Image:
     row: int
     #: `train`, `validation` or `test`.
     part: str
-    #: None where images are not files.
+    #: The file of the image; None where images are not files.
     file: str | None
 
     def __str__(self) -> str:
@@ -32,7 +32,7 @@ class Image:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inspection:
-    """What `check` found."""
+    """The findings of `check`."""
 
     task: str
     source: str
@@ -41,13 +41,13 @@ class Inspection:
     recorded_with: tuple[str, ...]
     kind: Kind
     names: tuple[str, ...]
-    #: How many there are in `all` and in each part.
+    #: The number of images in `all` and in each part.
     images: Mapping[str, int]
     #: Rows of a table that were left out, because their image is missing.
     skipped: int
     #: The settings that selected images of the recording.
     selected: tuple[str, ...]
-    #: Of TacVerse: what lies in the directory, beside what the release holds; a line for each task.
+    #: The content of a directory of TacVerse, compared with that of the release; a line for each task.
     release: tuple[str, ...]
     #: Files beside the images that are not used.
     ignored: tuple[str, ...]
@@ -64,17 +64,17 @@ class Inspection:
     duplicates: tuple[tuple[Image, ...], ...]
     #: Images of one colour.
     constant: tuple[Image, ...]
-    #: How many images were recorded together, of each group; None where no groups are known.
+    #: The number of images in each group that was recorded together; None where no groups are known.
     groups: tuple[int, ...] | None
-    #: How many of them have images in the test part.
+    #: The number of groups with images in the test part.
     test_groups: int | None
     #: The setting that names them, if one does.
     groups_chosen_by: str | None
     #: Images that are nearly equal to one of an earlier part, each with that one.
     nearly_equal: tuple[tuple[Image, Image], ...]
-    #: What the prompt tells the model of the images.
+    #: The description of the images in the prompt.
     prompt: str
-    #: What is probably wrong, a sentence each.
+    #: The probable faults, a sentence each.
     warnings: tuple[str, ...]
     fingerprint: str
     #: The directory of the finished images, and the contact sheet.

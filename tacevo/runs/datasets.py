@@ -87,16 +87,16 @@ def trivial_of(config: RunConfig, task: Task, data: Dataset) -> float:
 
 
 class Answering(Protocol):
-    """How the probes and the trainings of a run are answered."""
+    """The source of a run's answers to probes and trainings."""
 
     @property
     def run(self) -> RunJob | None:
-        """What answers jobs in the place of an executor; None where candidates run."""
+        """The function that answers jobs in the place of an executor; None where candidates run."""
         ...
 
     @property
     def evaluator(self) -> Callable[..., Evaluator]:
-        """What makes the evaluator of a search; its arguments are those of `Evaluator`."""
+        """The function that makes the evaluator of a search; its arguments are those of `Evaluator`."""
         ...
 
     def data(self, view: Progress, catalogue: Catalogue | None) -> Dataset:

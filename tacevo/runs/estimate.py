@@ -17,7 +17,7 @@ from tacevo.evolution.proposals import plan_initial
 from tacevo.llm.prices import likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Mode, Request, Task, to_json
 from tacevo.runs.datasets import source_of
-from tacevo.runs.deciding import Decisions, Parts
+from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.pace import Measure, Pace, Saving, growth, measure, part_saved, training_images, trainings
 from tacevo.runs.progress import LONG, told_saving
 from tacevo.runs.providers import prices_of
@@ -27,7 +27,7 @@ from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
 from tacevo.text import counted, table
 
-#: What a user reads while a pace is measured: it takes some 80 s of a processor for images of 256 px.
+#: The text that a user reads while a pace is measured: it takes some 80 s of a processor for images of 256 px.
 MEASURING = (
     "measuring how fast this machine trains: one or two minutes where it is idle, more under load; Ctrl-C leaves the "
     "hours out"
@@ -36,13 +36,13 @@ MEASURING = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """What a search would ask for, as far as it is known before the search."""
+    """The estimate of what a search would ask for, as far as it is known before the search."""
 
     #: Requests of the whole search, without repairs.
     requests: int
     #: Requests of generation 0 whose answers are recorded already; they cost nothing.
     recorded: int
-    #: How many completions of this model the store has; they give the likely length of an answer.
+    #: The number of completions of this model in the store; they give the likely length of an answer.
     samples: int
     #: Expected values, so not integers.
     input_tokens: float
@@ -94,7 +94,7 @@ def _first_requests(config: RunConfig, task: Task, parts: Parts) -> list[Request
 def _facts(config: RunConfig) -> DataFacts:
     """Describe the data set as the requests name it; that the classes of a simulation have names needs no image."""
     if config.data.facts.is_looked_up:
-        from tacevo.runs.looked_up import table_of
+        from tacevo.runs.table_answers import table_of
 
         return table_of(config).header.data
     source, facts = source_of(config), facts_without_data(config)

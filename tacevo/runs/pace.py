@@ -1,4 +1,4 @@
-"""How long a search takes on this machine, and what AVX-512 would save, from the baseline trained on images of noise.
+"""The pace of a search on this machine, and the gain by AVX-512, from the baseline trained on images of noise.
 
 It is an estimate: candidates are other networks, the machine may be busier or less so later, and nobody knows how
 long answers take. docs/scale.md compares it with searches that were run.
@@ -30,8 +30,9 @@ from tacevo.runs.datasets import source_of
 from tacevo.runs.local import trainings_at_once
 from tacevo.runs.wiring import Workbench, check_means
 
-#: How much longer than the baseline's a candidate's training takes, in the mean of 80 networks drawn from the two
-#: published searches, and how many generations these had. A shorter search is taken to have less of it (docs/scale.md).
+#: The share by which a candidate's training is longer than the baseline's, in the mean of 80 networks drawn from the
+#: two published searches, and the number of generations that these had. A shorter search is taken to have less of it
+#: (docs/scale.md).
 GROWTH, GROWN = 0.7, 20
 
 #: Seconds that the baselines train beyond their start, at least, so that the clock and the load matter little.
@@ -43,13 +44,13 @@ _TURN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How fast a machine trains the baseline, with several trainings at once."""
+    """The pace at which a machine trains the baseline, with several trainings at once."""
 
     #: Trainings, as of `trainings_at_once`.
     at_once: int
-    #: Trained on by all of them together, with the predictions of the validation images between.
+    #: The images that all of them together train on in a second, with the predictions of the validation images between.
     images_per_second: float
-    #: What a training takes besides its epochs, and what the gate takes for a network, in seconds.
+    #: The time of a training besides its epochs, and of the gate for a network, in seconds.
     start: float
     gate: float
     #: Processes that wanted each core before: from 1 on, the trainings had to share.

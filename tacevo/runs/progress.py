@@ -1,4 +1,4 @@
-"""What a user sees while a command works: lines, and on a terminal bars with rate and time left."""
+"""The progress that a user sees while a command works: lines, and on a terminal bars with rate and time left."""
 
 import threading
 import time
@@ -178,7 +178,7 @@ class Watcher:
         self._at_once = at_once
         self._saving = saving
         self._clock = clock
-        #: When the first training began that was not recalled, and how many slots were done before it.
+        #: The time when the first training began that was not recalled, and the number of slots done before it.
         self._began: tuple[float, int] | None = None
         self._baseline: float | None = None
         self._done = 0

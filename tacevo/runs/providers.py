@@ -1,4 +1,4 @@
-"""From a configuration to the LLM of a run: provider, budget and store, one before the other."""
+"""The LLM of a run, built from its configuration: provider, budget and store, one before the other."""
 
 import json
 import os

@@ -30,14 +30,14 @@ from tacevo.results.run import RecordedRun
 from tacevo.results.summary import evaluated, in_short, summarise
 from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
+from tacevo.runs.answer_counts import UsableAnswers
+from tacevo.runs.data_warnings import warnings_of
 from tacevo.runs.datasets import load_data, trivial_of
-from tacevo.runs.deciding import Decisions, Parts
-from tacevo.runs.doubts import doubts_of
+from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.local import trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
-from tacevo.runs.usable import UsableAnswers
 from tacevo.runs.wiring import Workbench, build_plan, check_means, skipping_of, started_ahead, stores_of
 from tacevo.sandbox.client import RunJob
 from tacevo.storage.canonical import content_hash
@@ -56,7 +56,7 @@ class Result:
 
     directory: Path
     digest: str
-    #: What was found, in short; summary.md in the directory has all of it.
+    #: The result in short; summary.md in the directory has all of it.
     summary: str
     #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
@@ -64,7 +64,8 @@ class Result:
     succeeded: bool
     #: Whether its evaluations are those of a table, which has few other seeds.
     looked_up: bool
-    #: How many answers were asked for and paid now, and how many came from the store (`tacevo.costs.Tally`).
+    #: The number of answers that were asked for and paid now, and of those that came from the store
+    #: (`tacevo.costs.Tally`).
     asked: str = ""
 
 
@@ -79,8 +80,8 @@ def search(config: RunConfig, view: Progress) -> Result:
     with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)
-        for doubt in doubts_of(config, task, data):
-            view.say(f"warning: {doubt}")
+        for warning in warnings_of(config, task, data):
+            view.say(f"warning: {warning}")
         return record(config, task, data, view, started=started, llm=llm)
 
 
@@ -165,7 +166,7 @@ def _record(
         if warning := name_warning(config.llm):
             view.say(f"warning: {warning}")
         with mirrored(config, directory, view):
-            usable, walls = UsableAnswers(config.search.stop_after_unusable), Walls(directory)
+            usable, confinement = UsableAnswers(config.search.stop_after_unusable), ConfinementLog(directory)
             observer = _Recorder(
                 directory,
                 ledger,
@@ -184,7 +185,7 @@ def _record(
                 facts,
                 Mode.record,
                 data=data,
-                notice=walls.note,
+                notice=confinement.note,
                 say=view.say,
                 run=run,
                 started=started,
@@ -374,7 +375,7 @@ def _wait_for(mirrors: Sequence[Mirror], view: Progress, *, finished: bool) -> N
             view.say(warning)
 
 
-class Walls:
+class ConfinementLog:
     """Keeps in run.json what confined the candidates of a run, each way once, in the order in which they came.
 
     A run may be continued where less is in force; a candidate that is recalled from the stores adds nothing.
@@ -418,7 +419,7 @@ class _Recorder(Watcher):
         self._directory = directory
         self._ledger = ledger
         self._spent = directory.read_spending()
-        #: What the candidates of the present generation cost.
+        #: The costs of the present generation's candidates.
         self._generation: list[Spending] = []
         #: Whether another server than the provider's own is asked, or gave a recorded answer.
         self.elsewhere = elsewhere

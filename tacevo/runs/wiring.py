@@ -1,4 +1,4 @@
-"""From a configuration to a running search: the place that builds objects and joins them (models: `providers`)."""
+"""The wiring of a search from its configuration: the place that builds objects and joins them (models: `providers`)."""
 
 import contextlib
 import threading
@@ -27,7 +27,7 @@ from tacevo.profile import Admitted
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, EAGER, MKL_FUNCTIONS, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import answering, examples_of, held_out_of
-from tacevo.runs.deciding import Parts
+from tacevo.runs.decisions import Parts
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.runs.seeds import training_seed
 from tacevo.sandbox.client import Died, Finished, RunJob, Score
@@ -42,7 +42,7 @@ from tacevo.training.numerics import environment
 from tacevo.training.weights import Weighed, train_and_weigh
 from tacevo.typed import convert
 
-#: What a sandbox runs: entry names to functions.
+#: The functions that a sandbox runs, by entry name.
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 
 
@@ -189,22 +189,22 @@ class Workbench:
     config: RunConfig
     task: Task
     facts: DataFacts
-    #: Of the stores; the completions follow `llm.mode`, unless this is `replay`.
+    #: The mode of the stores; the completions follow `llm.mode`, unless this is `replay`.
     mode: Mode
     _: KW_ONLY
-    #: None where nothing is trained, as in a replay.
+    #: The data set; None where nothing is trained, as in a replay.
     data: Dataset | None = None
-    #: None for those that the configuration names.
+    #: The stores; None for those that the configuration names.
     stores: Stores | None = None
     #: Called with what confines a candidate, as `in_force` describes it, before its answer is kept.
     notice: Notice | None = None
     #: Called with a line for the user.
     say: Callable[[str], None] | None = None
-    #: What runs jobs: that of the executor, unless something else is given.
+    #: The function that runs jobs: the executor's, unless another one is given.
     run: RunJob | None = None
-    #: Of `started_ahead`.
+    #: The value of `started_ahead`.
     started: Any = None
-    #: Of `build_llm`, in this mode; built where it is needed if there is none.
+    #: The LLM of `build_llm`, in this mode; built where it is needed if there is none.
     llm: LLM | None = None
     _stack: contextlib.ExitStack = field(init=False, default_factory=contextlib.ExitStack)
 

@@ -1,4 +1,4 @@
-"""What a candidate's text may import and call, and the attributes that it may not reach (no torch).
+"""The names that a candidate's text may import and call, and the attributes that it may not reach (no torch).
 
 The gate's policy reads the text by these lists. Where a text computes a name, or has a library look one up, the guards
 of the candidate's process do (`tacevo.sandbox.guards`).
@@ -68,8 +68,8 @@ _MODULE_NAMES = """
     __call__ __class__ __delattr__ __dir__ __getattr__ __getstate__ __setattr__ __setstate__
 """
 
-#: What `nn.Module` and its objects define, and a candidate may not; it may define `__init__`, `forward` and texts. The
-#: conversions are left out: nothing here calls them, and `self.half = 8` is honest.
+#: The names that `nn.Module` and its objects define, and a candidate may not; it may define `__init__`, `forward` and
+#: texts. The conversions are left out: nothing here calls them, and `self.half = 8` is honest.
 MODULE_NAMES = frozenset(_MODULE_NAMES.split())
 
 #: Private names of `nn.Module` that a text may read; the others run or change a module behind its back.

@@ -27,7 +27,8 @@ TORCH = "2.13.0"
 #: begin, the numbers of cores that share each, and the number of caches.
 _WORDS, _SIZES, _SHARING, _LEVELS = 36, 6, 16, 26
 
-#: Of ELF: a section's header, and a symbol. A section of the type 2 is a table of symbols; it links to their names.
+#: The records of ELF: a section's header, and a symbol. A section of the type 2 is a table of symbols; it links to
+#: their names.
 _SECTION = np.dtype(
     {
         "names": ["type", "offset", "size", "link"],
@@ -60,12 +61,12 @@ def pin(sizes: Sequence[int]) -> None:
     seen = [size_of_cache(level) for level in range(1, len(sizes) + 1)]  # which makes the object, if it was not there
     words = (ctypes.c_uint32 * _WORDS).from_address(start + symbols[_CPU][0])
     held = [
-        words[_SIZES + place] // max(words[_SHARING + place], 1) for place in range(min(words[_LEVELS], len(sizes)))
+        words[_SIZES + index] // max(words[_SHARING + index], 1) for index in range(min(words[_LEVELS], len(sizes)))
     ]
     if held != seen[: len(held)]:
         raise _unknown(f"{held} where oneDNN reads {seen}")
-    for place, size in enumerate(sizes):
-        words[_SIZES + place], words[_SHARING + place] = size, 1
+    for index, size in enumerate(sizes):
+        words[_SIZES + index], words[_SHARING + index] = size, 1
     words[_LEVELS] = len(sizes)
     now = [size_of_cache(level) for level in range(1, len(sizes) + 1)]
     if now != list(sizes):
@@ -88,7 +89,7 @@ def _loaded(name: str) -> tuple[int, Path]:
 
 def _symbols(library: Path, names: Sequence[bytes]) -> dict[bytes, tuple[int, int]]:
     """Look symbols up in the ELF file of a library; return the address and the size of those that it has."""
-    places = {}
+    found = {}
     with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         [table], [count] = struct.unpack_from("<Q", data, 40), struct.unpack_from("<H", data, 60)
         sections = np.frombuffer(data[table : table + _SECTION.itemsize * count], _SECTION)
@@ -97,7 +98,7 @@ def _symbols(library: Path, names: Sequence[bytes]) -> dict[bytes, tuple[int, in
             symbols = np.frombuffer(data[begin : begin + int(section["size"])], _SYMBOL)
             first, last = int(texts["offset"]), int(texts["offset"] + texts["size"])
             for name in names:
-                place = data.find(b"\0" + name + b"\0", first, last) + 1 - first
-                for symbol in symbols[symbols["name"] == place] if place > 0 else ():
-                    places[name] = int(symbol["value"]), int(symbol["size"])
-    return places
+                offset = data.find(b"\0" + name + b"\0", first, last) + 1 - first
+                for symbol in symbols[symbols["name"] == offset] if offset > 0 else ():
+                    found[name] = int(symbol["value"]), int(symbol["size"])
+    return found

@@ -27,7 +27,7 @@ if sizes := os.environ.get(caches.VARIABLE):
 
 torch.zeros(1).half()  # at first use torch reads the CPU's features from a file, which no candidate could
 
-#: What errors of failed allocations say: on a CPU, of CUDA's driver, of cuBLAS and cuDNN.
+#: The words in errors of failed allocations: on a CPU, of CUDA's driver, of cuBLAS and cuDNN.
 _FAILED_ALLOCATIONS = (
     "can't allocate memory",
     "CUDA error: out of memory",
@@ -35,7 +35,7 @@ _FAILED_ALLOCATIONS = (
     "CUDNN_STATUS_ALLOC_FAILED",
 )
 
-#: Where a generator gets a seed from; a candidate cannot open it.
+#: The file from which a generator gets a seed; a candidate cannot open it.
 _ENTROPY = "/dev/urandom"
 
 

@@ -19,7 +19,7 @@ from tacevo.sandbox.kernel import end_with, keep_priority
 from tacevo.sandbox.processes import close_all_but
 from tacevo.sandbox.protocol import Header, Message, Sort, describe
 
-#: What an entry gets: the arrays of the sandbox by name, mapped read-only, or what was made of them (`Equip`).
+#: The arrays that an entry gets: those of the sandbox by name, mapped read-only, or what was made of them (`Equip`).
 Arrays = Mapping[str, Any]
 #: Sends one frame of the answer: a JSON header and raw bytes. In a job that is scored it waits, and returns whether
 #: this frame's score is the lowest so far.
@@ -31,7 +31,7 @@ Entry = Callable[[Header, bytes, Arrays, Send], object]
 #: that the entry gets. No code of the candidate has run then, so what it raises is the sandbox's failure, no verdict,
 #: as it is where it takes more time or memory than the job's limits allow. The candidate's own time begins afterwards.
 Equip = Callable[[Header, bytes, Arrays], Arrays]
-#: What a child is told of a frame.
+#: The bytes that tell a child of a frame's score.
 NOT_LOWEST, LOWEST = 1, 2
 _PAUSE, _LONGEST_PAUSE = 0.0005, 0.05  # seconds between two looks at what it was told
 

@@ -36,7 +36,8 @@ _GRACE_SECONDS = 5.0
 #: Seconds that a supervisor may take to pass an answer on, when the candidate is gone.
 _TRANSFER_SECONDS = 20.0
 _AGAIN = "run the same command again"
-#: What torch imports when it is first needed. It takes as long as torch itself, and few candidates need it.
+#: The modules that torch imports when they are first needed. It takes as long as torch itself, and few candidates need
+#: it.
 _LATE_IMPORTS = ("torch._dynamo",)
 #: Called with the measures in force for a candidate, as `tacevo.sandbox.confinement.confine` names them.
 Notice = Callable[[tuple[str, ...]], None]
@@ -80,7 +81,7 @@ class Died:
     reason: Reason
     #: One line for a person.
     detail: str
-    #: As of `Finished`; 0 where the supervisor could not tell.
+    #: The processor time, as of `Finished`; 0 where the supervisor could not tell.
     cpu_seconds: float = field(default=0.0, compare=False)
 
 
@@ -157,7 +158,7 @@ class Sandbox:
         self._strongest, self._doors, self._equip = strongest, doors or {}, equip
         self._notice, self._answer_bytes = notice, answer_bytes
         self._lock = threading.Lock()
-        #: By whether it is the one with all imports.
+        #: The zygotes, by whether they have all imports.
         self._zygotes: dict[bool, Zygote] = {} if zygote is None else {False: zygote}
         self._closed = False
 
@@ -262,7 +263,7 @@ class Zygote:
         equip: str | None = None,
     ) -> None:
         self._stream, theirs = socket.socketpair()
-        #: What it writes until it has started; unlike a pipe this cannot fill up and block it.
+        #: The file for what the process writes until it has started; unlike a pipe it cannot fill up and block it.
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`, or when it has started
         self._has_started = False
         with theirs:

@@ -1,4 +1,4 @@
-"""What confines a candidate to its process, and which of these measures this machine has.
+"""The measures that confine a candidate to its process, and those of them that this machine has.
 
 There are two levels. The measures of `process` need no special kernel: limits of resources, no privileges, no
 capabilities, a supervisor. Those of `kernel` are walls that the process cannot remove again: Landlock and a seccomp
@@ -32,7 +32,7 @@ _CPU_SLACK = 10
 _WALLS = frozenset({"landlock", "seccomp"})
 #: The name of what leaves a driver its doors, beside those of the walls.
 _DOORS = "gpu"
-#: What the measures do where these doors are.
+#: The effects of the measures where these doors are.
 _WITH_DOORS = {
     "rlimits": "CPU time; nothing written, no core dumped",
     "landlock": "no access to files but the GPU's device files, nor to the network; threads that the driver started "
@@ -42,7 +42,7 @@ _WITH_DOORS = {
     _DOORS: "device files of the GPU can be opened, and commands of its driver given: the driver is trusted",
 }
 
-#: What a machine lacks for any stronger level.
+#: The lacks of a machine that allow no stronger level.
 _MISSING = {
     Confinement.none: "not Linux 5.3 or later with /proc/<pid>/task/<tid>/children",
     Confinement.process: "a kernel without Landlock (5.13 or later), or without seccomp filters on x86-64 or aarch64",

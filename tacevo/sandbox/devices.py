@@ -1,4 +1,4 @@
-"""What a candidate on an NVIDIA GPU keeps that others lose: device files, and the calls of their driver.
+"""The doors that a candidate on an NVIDIA GPU keeps and others lose: device files, and the calls of their driver.
 
 Of the driver only the kernel's half is open source; what its library calls is not documented. The lists below are from
 the headers of NVIDIA's open kernel modules and from gVisor's nvproxy, which forwards the same commands for sandboxed
@@ -14,8 +14,8 @@ from glob import glob
 #: The driver's device files: its control, memory that is shared with the host, each GPU, and parts of one (MIG). Not
 #: those of displays, debuggers and profilers.
 DEVICES = ("/dev/nvidiactl", "/dev/nvidia-uvm", "/dev/nvidia[0-9]*", "/dev/nvidia-caps/*")
-#: What the driver's library may read when it starts, before any code of a candidate runs: libraries, what the kernel
-#: says of devices, processors and memory, and settings.
+#: The directories and files that the driver's library may read when it starts, before any code of a candidate runs:
+#: libraries, what the kernel says of devices, processors and memory, and settings.
 _READABLE = ("/usr", "/lib", "/lib64", "/opt", "/etc", "/proc", "/sys")
 
 #: Commands of /dev/nvidiactl and /dev/nvidia0: type F, by number (nv-ioctl-numbers.h, nv_escape.h). Left out are those
@@ -35,7 +35,7 @@ UVM_COMMANDS = (
     *(42, 43, 45, 47, 51, 53),  # where memory lies, and its way from place to place
     *(65, 66, 68, 72, 73, 75),  # regions, semaphores, ranges, address spaces of processes
 )
-#: By the low 16 bits; above them stands the size of what is passed, which differs from driver to driver.
+#: The commands by their low 16 bits; above them stands the size of what is passed, which differs from driver to driver.
 FRONTEND_COMMANDS = tuple(_FRONTEND_TYPE | number for number in _FRONTEND)
 
 
@@ -51,4 +51,4 @@ def readable() -> list[str]:
     """
     packages = [path for path in sys.path if os.path.isdir(os.path.join(path, "torch"))]
     own = map(os.path.abspath, (sys.prefix, sys.base_prefix, *packages))
-    return [place for place in dict.fromkeys((*_READABLE, *own)) if os.path.isdir(place)]
+    return [path for path in dict.fromkeys((*_READABLE, *own)) if os.path.isdir(path)]

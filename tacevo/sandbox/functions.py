@@ -55,7 +55,7 @@ def _tangent(values: Tensor) -> Tensor:
     return (torch.sin(wide) / torch.cos(wide)).to(values.dtype)
 
 
-#: Of one tensor, float32 or float64.
+#: The functions of one tensor, float32 or float64.
 PORTABLE: Mapping[str, _Function] = {
     "sqrt": _square_root,
     "atan": lambda values: torch.atan2(values, torch.ones_like(values)),

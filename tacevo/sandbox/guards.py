@@ -1,4 +1,4 @@
-"""What a candidate's text gets of Python, and what it may not reach or change in torch (child side).
+"""The guards of a candidate's text: what it gets of Python, and what it may not reach or change in torch (child side).
 
 The gate's policy reads names in the text. Here names are looked up that a text computes, or that it has a library look
 up, set or run. `tests/support/candidates/doors.py` finds the places in the libraries that do so, and a test compares
@@ -166,7 +166,7 @@ OF_TORCH = frozenset(with_subclasses(nn.Module))
 _NAMED = {value for path in MODULES for value in vars(sys.modules[path]).values() if isinstance(value, type)}
 _NAMED |= {CandidateError, Reason, dataclasses.Field, *(base for kind in _NAMED for base in kind.__mro__)}
 _NAMED |= {type(kind) for kind in _NAMED}
-#: Those that a training calls.
+#: The classes whose methods a training calls.
 _STEPS: list[type] = [torch.Tensor, nn.Parameter, type(nn.Parameter), nn.Module]
 _STEPS += [torch.optim.Optimizer, torch.optim.Adam]
 _MODES = [*torch.no_grad.__mro__, *torch.enable_grad.__mro__, *torch.set_grad_enabled.__mro__]

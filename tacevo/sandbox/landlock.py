@@ -17,7 +17,7 @@ _ADD_RULE = 445
 _RESTRICT_SELF = 446
 _BENEATH = 1  # the kind of rule that names a directory, or a file
 _ASK_VERSION = 1
-#: How many kinds of file access each version of the interface knows; later ones know as many as the last.
+#: The number of kinds of file access that each version of the interface knows; later ones know as many as the last.
 _FILE_ACCESSES = {1: 13, 2: 14, 3: 15, 4: 15, 5: 16}
 #: The first version that knows: TCP bind and connect; abstract Unix sockets and signals of others.
 NETWORK_SINCE, SCOPES_SINCE = 4, 6
@@ -56,24 +56,24 @@ def restrict(*, readable: Collection[str] = (), devices: Collection[str] = ()) -
             them.
 
     Raises:
-        OSError: Landlock is missing, `no_new_privs` is not set, or a place that is named is not there.
+        OSError: Landlock is missing, `no_new_privs` is not set, or a path that is named is not there.
     """
     files, network, scopes = refused(version())
     ruleset = struct.pack("=QQQ", files, network, scopes)  # a kernel accepts last fields that it does not know as 0
     descriptor = system_call(_CREATE_RULESET, ruleset, len(ruleset), 0)
     try:
-        for place in readable:
-            _allow(descriptor, place, _READ | _LIST)
-        for place in devices:
-            _allow(descriptor, place, files & (_READ | _WRITE | _IOCTL))
+        for path in readable:
+            _allow(descriptor, path, _READ | _LIST)
+        for path in devices:
+            _allow(descriptor, path, files & (_READ | _WRITE | _IOCTL))
         system_call(_RESTRICT_SELF, descriptor, 0)
     finally:
         os.close(descriptor)
 
 
-def _allow(ruleset: int, place: str, access: int) -> None:
+def _allow(ruleset: int, path: str, access: int) -> None:
     """Except a file, or what lies beneath a directory, from a ruleset."""
-    opened = os.open(place, os.O_PATH | os.O_CLOEXEC)
+    opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
     try:
         system_call(_ADD_RULE, ruleset, _BENEATH, struct.pack("=Qi", access, opened), 0)
     finally:

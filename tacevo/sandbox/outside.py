@@ -1,4 +1,4 @@
-"""What a network, or the text that made it, can reach beside its parameters (child side)."""
+"""The tensors that a network, or the text that made it, can reach beside its parameters (child side)."""
 
 import gc
 import sys
@@ -14,9 +14,9 @@ from torch.nn.modules.batchnorm import _BatchNorm
 from tacevo.sandbox.guards import NAME, OF_TORCH
 from tacevo.sandbox.module_parts import attributes, parameters
 
-#: Where the classes of objects are from that are walked; a class of the candidate is from the module of its text.
+#: The modules of the classes whose objects are walked; a class of the candidate is from the module of its text.
 _WALKED = frozenset({NAME, "builtins", "collections", "functools", "itertools"})
-#: Where classes are from whose objects say their true size.
+#: The modules of the classes whose objects say their true size.
 _BUILT_IN = frozenset({"builtins", "collections"})
 #: Values that cannot change; another one takes the place of each.
 _PLAIN = (bool, int, float, complex, str, bytes, type(None))

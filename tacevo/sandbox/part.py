@@ -21,15 +21,15 @@ from typing import Any
 
 import numpy as np
 
-import tacevo.parts.deciding as protocols
-from tacevo.parts.deciding import ALLOWED, is_allowed
+from tacevo.parts import protocols
+from tacevo.parts.protocols import ALLOWED, is_allowed
 from tacevo.profile import Graph, Node, Profile, Step
 from tacevo.records import Json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.protocol import Header
 from tacevo.text import listed, nearest
 
-#: What NumPy and Python import when it is first needed, which a confined process could not.
+#: The modules that NumPy and Python import when they are first needed, which a confined process could not.
 _LATE = ("ma", "fft", "polynomial", "typing", "char", "rec", "strings", "random", "linalg")
 
 for _module in [*sorted(ALLOWED), *(f"numpy.{name}" for name in _LATE), "unicodedata", "numpy.lib.stride_tricks"]:
@@ -46,10 +46,10 @@ CENTROIDS = "archives.centroids"
 #: made and freed again, so that others lie where they were.
 _SIZES, _OF_EACH = range(48, 513, 16), 500
 
-#: What of them is kept.
+#: The objects among them that are kept.
 _KEPT: list[object] = []
 
-#: By how much the clocks of two processes that make one decision differ, in seconds.
+#: The difference, in seconds, between the clocks of two processes that make one decision.
 _LATER = 1_000_003
 
 
@@ -75,11 +75,11 @@ class _Recorded(MetaPathFinder, Loader):
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> ModuleSpec | None:
         """Find a module among the texts."""
-        place = name.replace(".", "/")
-        for file in (f"{place}/__init__.py", f"{place}.py"):
+        folder = name.replace(".", "/")
+        for file in (f"{folder}/__init__.py", f"{folder}.py"):
             if file in self._sources:
                 return ModuleSpec(name, self, origin=file, is_package=file.endswith("/__init__.py"))
-        if any(file.startswith(f"{place}/") for file in self._sources):
+        if any(file.startswith(f"{folder}/") for file in self._sources):
             return ModuleSpec(name, None, is_package=True)  # a namespace, which has no file of its own
         return None
 
@@ -296,13 +296,13 @@ class Method:
     """A method of a part that decides, between JSON and JSON."""
 
     name: str
-    #: What it is called with, made of what is given.
+    #: The function that makes the method's arguments of what is given.
     arguments: Callable[[Any], tuple[Any, ...]]
-    #: What it returned, as JSON; raises where that is no answer.
+    #: The function that makes JSON of what the method returned; it raises where that is not an answer.
     answer: Callable[[Any], Json]
 
 
-#: By kind and name.
+#: The methods, by kind and name.
 METHODS: Mapping[str, Method] = {
     "parents.pool": Method("pool", _pool, _ids),
     "parents.draw": Method("draw", _draw_parents, _ids),

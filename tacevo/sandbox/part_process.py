@@ -17,7 +17,7 @@ from tacevo.records import Json, Limits, Record
 from tacevo.sandbox.client import AnswerError, Died, Sandbox
 from tacevo.typed import UncheckedJson
 
-#: What one decision may take.
+#: The limits of one decision.
 LIMITS = Limits(seconds=20.0, memory_mib=1024)
 
 #: One thread, and the instructions that every CPU with AVX2 has, so that sums come out alike.
@@ -38,7 +38,8 @@ class Recorded:
     name: str
     module: str
     attribute: str
-    #: Texts by file (`tacevo.parts.sources.read_sources`), and what names them (`tacevo.config.deciding.code_hash`).
+    #: The texts by file (`tacevo.parts.sources.read_sources`), and their hash
+    #: (`tacevo.config.recorded_parts.code_hash`).
     sources: Mapping[str, str]
     sha256: str = ""
     settings: Mapping[str, Json] = field(default_factory=dict)
@@ -51,11 +52,11 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Answer(Record):
-    """What the process of a part sends: an answer, or what it raised."""
+    """The message of a part's process: an answer, or what the part raised."""
 
     answer: UncheckedJson = None
     fault: str | None = None
-    #: Of points, which stand behind it as float64: the coordinates of each.
+    #: The number of coordinates of each point, where points stand behind the message as float64; None without points.
     columns: int | None = None
 
 

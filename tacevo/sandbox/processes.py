@@ -36,7 +36,7 @@ def descendants(pid: int, spare: Collection[int] = ()) -> Iterator[int]:
 class Memory:
     """Resident memory of one process, in MiB; pages inherited through a fork count too."""
 
-    #: What no file backs: its own pages and shared ones.
+    #: The memory that no file backs: its own pages and shared ones.
     anonymous: float
     #: Pages of mapped files, such as libraries and images.
     of_files: float

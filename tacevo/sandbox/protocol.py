@@ -40,13 +40,13 @@ class Bounds:
     messages: int
 
 
-#: Of one child. The largest header of a network within the default limits of the gate (2,000 operations, 5,000 recorded
-#: steps) has 1.1 MB; a training sends a message of 45 bytes of header for each epoch.
+#: The bounds of one child's messages. The largest header of a network within the default limits of the gate (2,000
+#: operations, 5,000 recorded steps) has 1.1 MB; a training sends a message of 45 bytes of header for each epoch.
 CHILD = Bounds(total_bytes=64 * 2**20, header_bytes=2 * 2**20, messages=10_000)
 
 
 class Sort(IntEnum):
-    """What a message is."""
+    """The sort of a message."""
 
     #: Search to zygote, once: entries and imports. Zygote to search: that it is ready, or why not.
     setup = 1
@@ -214,7 +214,7 @@ def _is_deeper(value: Json, levels: int) -> bool:
 LONGEST = 300
 _ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}")  # but not the middle of a shape such as 30400x64
 
-#: Where this Python has its modules, the innermost directory first.
+#: The directories in which this Python has its modules, the innermost directory first.
 _MODULES = re.compile(
     "|".join(re.escape(f"{place}/") for place in sorted(sys.path, key=len, reverse=True) if re.match("/.", place))
 )

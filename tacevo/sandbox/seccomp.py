@@ -26,7 +26,8 @@ from tacevo.sandbox.kernel import system_call
 
 _INSTRUCTION = struct.Struct("=HBBI")  # operation, how far to jump if true, how far if false, operand
 _LOAD_WORD, _JUMP_IF_EQUAL, _JUMP_IF_ANY_BIT, _KEEP_BITS, _RETURN = 0x20, 0x15, 0x45, 0x54, 0x06
-#: Where the kernel puts the call's number, the architecture, and the low half of the first and the second argument.
+#: The offsets at which the kernel puts the call's number, the architecture, and the low half of the first and the
+#: second argument.
 _NUMBER, _ARCHITECTURE, _FIRST_ARGUMENT, _SECOND_ARGUMENT = 0, 4, 16, 24
 _ALLOW = 0x7FFF0000
 _REFUSE = 0x00050000 | errno.EPERM
@@ -38,7 +39,8 @@ _ALLOW_SPECULATION = 1 << 2
 _ALL_THREADS = 1 << 0
 _NEW_THREAD = 0x00010000  # CLONE_THREAD: of this process, with its memory and its walls
 _NAME_OF_THREAD = 15  # PR_SET_NAME
-#: Of fcntl(2): duplicate, read and set what exec closes, read flags. Others have the kernel send signals to processes.
+#: The commands of fcntl(2) that are allowed: duplicate, read and set what exec closes, read flags. Others have the
+#: kernel send signals to processes.
 _FILE_COMMANDS = (0, 1, 2, 3, 1030)
 
 
@@ -46,13 +48,14 @@ _FILE_COMMANDS = (0, 1, 2, 3, 1030)
 class Machine:
     """The system calls of an architecture, by number."""
 
-    #: As the kernel's audit names it; a program may switch to another architecture's calls at any time.
+    #: The number by which the kernel's audit names it; a program may switch to another architecture's calls at any
+    #: time.
     architecture: int
     seccomp: int
-    #: As in `_ALLOWED` and `_TO_ITSELF`.
+    #: The numbers of the calls in `_ALLOWED` and `_TO_ITSELF`.
     allowed: tuple[int, ...]
     to_itself: tuple[int, ...]
-    #: As in `_WITH_GPU`, and by their names there.
+    #: The numbers of the calls in `_WITH_GPU`, by their names there.
     with_gpu: tuple[int, ...]
     ioctl: int
     fcntl: int

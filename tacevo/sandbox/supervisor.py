@@ -89,7 +89,7 @@ def _serve(
 
 
 class _Watch:
-    """What a supervisor knows of its candidate: a child, and the end of its result pipe, which must not block.
+    """A candidate under watch: the state of a child, and the end of its result pipe, which must not block.
 
     When the channel to the search closes, the search no longer waits. `told` and `prepared` are as in `child.run`,
     `mapped_mib` is what those arrays take that lie in memory. Where the child `equips` itself first, that has the
@@ -110,9 +110,9 @@ class _Watch:
         mapped_mib: float,
     ) -> None:
         self.frames: list[Message] = []
-        #: What is left to be sent of the frame that the search is to score.
+        #: The rest of the frame that the search is to score, still to be sent.
         self.unsent = memoryview(b"")
-        #: What `confine` put in force; None before, when no code of the candidate has run.
+        #: The measures that `confine` put in force; None before, when no code of the candidate has run.
         self.measures: Json = None
         self._pid, self._pipe, self._channel, self._limits = pid, pipe, channel, limits
         self._told, self._scored = told, 0

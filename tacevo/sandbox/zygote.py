@@ -52,7 +52,7 @@ def _prepare(setup: Header) -> tuple[dict[str, Entry], Equip | None]:
     Raises:
         SandboxError: an import started threads, which a fork would lose.
     """
-    entries: dict[str, Entry] = {name: _import(place) for name, place in setup["entries"].items()}
+    entries: dict[str, Entry] = {name: _import(entry) for name, entry in setup["entries"].items()}
     equip: Equip | None = None if setup["equip"] is None else _import(setup["equip"])
     for name in setup["imports"]:
         importlib.import_module(name)
@@ -66,9 +66,9 @@ def _prepare(setup: Header) -> tuple[dict[str, Entry], Equip | None]:
     return entries, equip
 
 
-def _import(place: str) -> Any:
+def _import(entry: str) -> Any:
     """Import a function named `module:function`."""
-    module, _, function = place.partition(":")
+    module, _, function = entry.partition(":")
     return getattr(importlib.import_module(module), function)
 
 

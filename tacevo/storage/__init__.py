@@ -1,1 +1,1 @@
-"""What is on disk: stores, ledgers, and the directories of runs, studies and sweeps."""
+"""The files on disk: stores, ledgers, and the directories of runs, studies and sweeps."""

@@ -19,18 +19,18 @@ from tacevo.records import Json, Record, to_json
 from tacevo.storage.store import Entry, Store
 from tacevo.typed import convert
 
-#: Of the store that holds them.
+#: The kind of the store that holds arrays.
 KIND = "arrays"
 
-#: What an array may hold: float32 or int64, little-endian.
+#: The types of an array's values: float32 or int64, little-endian.
 Type = Literal["<f4", "<i8"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Question(Record):
-    """Which array."""
+    """The key of an array."""
 
-    #: Of its bytes.
+    #: The digest of the array's bytes.
     sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
     dtype: Type
     shape: tuple[Annotated[int, Ge(0), Lt(2**53)], ...]
@@ -38,7 +38,7 @@ class _Question(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Content(Record):
-    """What is in it."""
+    """The content of an array."""
 
     base64: str
 

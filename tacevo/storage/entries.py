@@ -28,7 +28,7 @@ SCHEMA = 1
 #: Equal text lies near where lines are sorted; a larger window takes memory and saves little.
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6}]
 
-#: What unpacking may take, bytes; the window above takes 8 MiB of it.
+#: The memory that unpacking may take, in bytes; the window above takes 8 MiB of it.
 _MEMORY = 64 * 1024**2
 
 #: The longest line, bytes: a probe's answer has at most 2 MiB, and no other entry comes near that.
@@ -37,14 +37,14 @@ LONGEST_LINE = 8 * 1024**2
 #: The most entries: a run of 10,000 candidates has some 40,000.
 MOST_ENTRIES = 250_000
 
-#: What an entry counts beside its text: a file of its own, which an import makes of it, takes so many bytes.
+#: The bytes that an entry counts beside its text: as many as the file that an import makes of it takes on disk.
 _BLOCK = 4096
 
-#: What all that is unpacked may take: about four times a run of 10,000 candidates.
+#: The bytes that all that is unpacked may take: about four times a run of 10,000 candidates.
 MOST_BYTES = 2 * 1024**3
 
-#: What a file may unpack to, as a multiple of its own size. A run of 1,000 candidates comes to 12, one of 86 to 14;
-#: deflate could make a thousand of it, LZMA many thousands.
+#: The size to which a file may unpack, as a multiple of its own. A run of 1,000 candidates comes to 12, one of 86 to
+#: 14; deflate could make a thousand of it, LZMA many thousands.
 MOST_RATIO = 200
 
 #: A small file may unpack to this much whatever its ratio, which tells little of a few repeated lines.

@@ -19,19 +19,19 @@ except ImportError:  # Windows, where replays and tables are read and written, b
     fcntl = None  # type: ignore[assignment]
 HAS_LOCKS = fcntl is not None
 
-#: How often a lock that another process holds is tried again, and after how many seconds each.
+#: The number of times that a lock which another process holds is tried again, and the seconds before each.
 _PATIENCE, _PAUSE = 20, 0.05
 
 #: A file in the making: hidden beside what it will be, or in a directory above, and locked by its writer.
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
 
-#: What making a directory raises where a file has its name, or that of one above it.
+#: The errors of making a directory where a file has its name, or that of one above it.
 _IN_THE_WAY = (FileExistsError, NotADirectoryError)
 
-#: What `flock` answers where a file system has no locks.
+#: The error numbers of `flock` where a file system has no locks.
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK}
 
-#: What a second name for a file answers where a file system has one name a file, or both in one directory only.
+#: The error numbers of a second name for a file where a file system has one name a file, or both in one directory only.
 _NO_LINKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EPERM, errno.EINVAL, errno.EXDEV}
 
 
@@ -63,7 +63,10 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
 
 
 def _flock_soon(handle: int, *, shared: bool = False) -> bool:
-    """Lock as `flock` does, and wait for who holds it for a moment, as `is_in_use` does to see whether it is held."""
+    """Lock as `flock` does; where another process holds the lock, try again for a second.
+
+    `is_in_use` of another process holds it for a moment, to see whether it is free.
+    """
     for _ in range(_PATIENCE):
         if flock(handle, shared=shared):
             return True
@@ -112,13 +115,13 @@ def in_use(folder: Path, *, alone: bool = False) -> Iterator[None]:
         os.close(handle)
 
 
-def is_in_use(place: Path, *, shared: bool = False) -> bool:
+def is_in_use(path: Path, *, shared: bool = False) -> bool:
     """Return whether a process holds a file or directory at this moment; false where there are no locks.
 
     `shared` is whether others that share it, such as those that ask this, do not count.
     """
     try:
-        handle = os.open(place, os.O_RDONLY)
+        handle = os.open(path, os.O_RDONLY)
     except OSError:
         return False
     try:

@@ -35,7 +35,7 @@ class Sealed(Generic[L_co]):
     """The lines of a ledger whose chain was checked."""
 
     lines: tuple[L_co, ...] = ()
-    #: Of each line.
+    #: The hash of each line.
     hashes: tuple[str, ...] = ()
 
     @property

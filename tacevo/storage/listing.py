@@ -21,10 +21,10 @@ class Stored:
 
     kind: str
     bytes: int
-    #: Of a completion: the model that was asked, and its answer.
+    #: The model that was asked for a completion, and its answer; empty of another entry.
     model: str = ""
     completion: Completion | None = None
-    #: None if the file is sound.
+    #: The error of a damaged file; None if it is sound.
     problem: StoreError | None = None
 
 
@@ -86,7 +86,7 @@ def _inspect(root: Path, kind: str, path: Path) -> Stored:
     return Stored(kind=kind, bytes=size, problem=problem)
 
 
-def _checked_answer(place: Path, entry: Entry) -> tuple[str, Completion | None]:
+def _checked_answer(path: Path, entry: Entry) -> tuple[str, Completion | None]:
     """Check an answer by its kind; return the model and the answer of a completion, of another kind nothing.
 
     Raises:
@@ -94,11 +94,11 @@ def _checked_answer(place: Path, entry: Entry) -> tuple[str, Completion | None]:
             it is an array, and not the one that its request names.
     """
     if entry.kind == KIND:
-        check_array(entry, str(place))
+        check_array(entry, str(path))
     if entry.kind != "completions":
         return "", None
-    answer = convert(Completion, entry.answer, place=f"{place}, answer", error=StoreError, remedy="delete it")
-    request = convert(Request, entry.request, place=f"{place}, request", error=StoreError, remedy="delete it")
+    answer = convert(Completion, entry.answer, place=f"{path}, answer", error=StoreError, remedy="delete it")
+    request = convert(Request, entry.request, place=f"{path}, request", error=StoreError, remedy="delete it")
     return request.model, answer
 
 

@@ -21,25 +21,25 @@ class Member(PosixPath):
     written, and no name leads out of a bundle.
 
     Args:
-        place: what errors name.
+        path: the name of the file in errors.
         content: the bytes of a file or the tree of a directory; None where nothing is there.
         parent: the directory that it lies in; None for the first one, which is its own parent.
         name: its name in the bundle, or that of its run.
         between: stands between its place and the names in it.
     """
 
-    #: What is not there; so are paths that were made otherwise than by `/`.
+    #: The content of the member; None of what is not there, and of paths that were made otherwise than by `/`.
     _content: bytes | Tree | None = None
     _above: Self | None = None
     _name, _between = "", "/"
 
-    def __new__(cls, place: str, *_: Any, **__: Any) -> Self:
+    def __new__(cls, path: str, *_: Any, **__: Any) -> Self:
         """Make the path of a place."""
-        return super().__new__(cls, place)
+        return super().__new__(cls, path)
 
     def __init__(
         self,
-        place: str,
+        path: str,
         content: bytes | Tree | None = None,
         *,
         parent: Self | None = None,
@@ -47,7 +47,7 @@ class Member(PosixPath):
         between: str = "/",
     ) -> None:
         if sys.version_info >= (3, 12):
-            super().__init__(place)
+            super().__init__(path)
         self._content, self._above, self._name, self._between = content, parent, name, between
 
     def __fspath__(self) -> NoReturn:

@@ -1,4 +1,4 @@
-"""What the makers of a run or a sweep want its readers to know: the file NOTE.md of its directory, which they write."""
+"""The note in which the makers of a run or a sweep tell its readers what to know: the file NOTE.md of its directory."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from tacevo.errors import RunError
 
 NOTE = "NOTE.md"
 
-#: What stands above a note wherever it is shown.
+#: The heading above a note wherever it is shown.
 HEADING = "## What readers must know"
 
 #: Characters that a note may have: it stands above a report and in the metadata of a bundle.

@@ -17,7 +17,7 @@ from tacevo.typed import parse
 
 
 class Measure(StrEnum):
-    """What one value of a sample is: a test score or loss, or the best fitness of a search that was not tested."""
+    """The measure of a sample's values: a test score or loss, or the best fitness of a search that was not tested."""
 
     mse = "mse"
     accuracy = "accuracy"
@@ -28,7 +28,7 @@ class Measure(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeedPlan(Record):
-    """What was planned, and what it was planned from."""
+    """The number of seeds that was planned, and what it was planned from."""
 
     LATER: ClassVar[frozenset[str]] = frozenset({"elites"})
 
@@ -48,7 +48,7 @@ class SeedPlan(Record):
     seeds: Annotated[int, Ge(2)]
     #: Training seeds of each network that a job found; None of a study, and where jobs are not tested.
     retraining: Annotated[int, Ge(1)] | None
-    #: How many networks of a job are tested.
+    #: The number of networks of a job that are tested.
     elites: Annotated[int, Ge(1)] = 1
     #: Epochs of each full training; None where there are none.
     epochs: Annotated[int, Ge(1)] | None
@@ -58,16 +58,16 @@ class SeedPlan(Record):
     chance: float
     #: Full trainings, of each network and seed.
     trainings: Annotated[int, Ge(0)]
-    #: Of one worker on the pilot's machine; None where no pilot recorded its times.
+    #: The hours of one worker on the pilot's machine; None where no pilot recorded its times.
     hours: float | None
     #: Digests of the runs whose values gave the spread.
     pilots: tuple[str, ...]
-    #: When: the day in UTC by that machine's clock, as 2026-11-22; empty of a plan by an earlier release.
+    #: The day of the plan in UTC, by that machine's clock, as 2026-11-22; empty of a plan by an earlier release.
     made: str = ""
 
     @property
     def dated(self) -> str:
-        """When it was made, in words."""
+        """The day on which the plan was made, in words."""
         return f"made on {self.made}, by its machine's clock" if self.made else "made on a day that was not recorded"
 
 

@@ -43,12 +43,12 @@ PARTS = "parts"
 
 _MAKES = "`tacevo search` makes one, and prints its name"
 
-#: Of a published run: the digests of all other files, in the form that `sha256sum --check` reads.
+#: The file of a published run with the digests of all other files, in the form that `sha256sum --check` reads.
 MANIFEST = "manifest-sha256.txt"
 
 
 def name_instead(path: Path) -> str:
-    """Return what a user names instead of the directory that a published run was unpacked into; else nothing."""
+    """Return the remedy for the directory of an unpacked bundle: what a user names instead; empty for another one."""
     if not (path / MANIFEST).is_file():
         return ""
     name = "this is an unpacked bundle: name the file that `tacevo publish` wrote"
@@ -72,22 +72,22 @@ def runs_below(folder: Path) -> list[Path]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord(Record):
-    """What run.json holds."""
+    """The content of run.json."""
 
     #: Layout of the file.
     schema: Literal[1] = 1
     name: str
-    #: As `tacevo.records.to_json` writes it.
+    #: The configuration, as `tacevo.records.to_json` writes it.
     config: dict[str, FreeJson]
     task: Task
     data: DataFacts
     versions: dict[str, str]
     machine: dict[str, FreeJson]
-    #: None where the package was not run from a checkout, and in runs of the first release.
+    #: The commit of the code; None where the package was not run from a checkout, and in runs of the first release.
     code: Code | None = None
     #: Each way in which candidates were confined, in the order in which they came.
     confinement: tuple[dict[str, str], ...]
-    #: None until the run is finished.
+    #: The run's digest; None until it is finished.
     digest: str | None
     #: Number of the summary and the tables (`tacevo.rules.PAGES`).
     pages: int = FIRST_PAGES
@@ -115,12 +115,12 @@ class Timing(Record):
     usd: float
     unpriced: int
     uncounted: int = 0
-    #: When the line was written, in ISO 8601 with a time zone.
+    #: The time when the line was written, in ISO 8601 with a time zone.
     at: str
 
     @property
     def spent(self) -> Spending:
-        """What the answers cost."""
+        """The cost of the answers."""
         return Spending(**{field.name: getattr(self, field.name) for field in fields(Spending)})
 
 

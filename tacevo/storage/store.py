@@ -36,10 +36,10 @@ SEARCHED = ("answers", "centroids", "completions", "evaluations", "probes")
 #: arrays that these keep.
 KINDS = (*SEARCHED, "arrays", "decisions", "studies")
 
-#: What a user can do about a damaged entry.
+#: The remedy for a damaged entry.
 _RESTORE = "restore the file from a copy, or delete it so that it is computed again"
 
-#: How many entries a miss is compared with, at most, to name the nearest; that takes some seconds.
+#: The number of entries with which a miss is compared, at most, to name the nearest; that takes some seconds.
 _COMPARED = 20_000
 
 
@@ -58,7 +58,7 @@ class Entry(Record):
 
     @property
     def place(self) -> str:
-        """Where it stands below the root of the stores."""
+        """The path of the entry below the root of the stores."""
         return place_of(self.kind, self.key)
 
     def sealed(self) -> dict[str, Json]:
@@ -79,7 +79,7 @@ class Entry(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sealed(Record):
-    """What the file of an entry holds."""
+    """The content of an entry's file."""
 
     schema: Literal[1]
     kind: str

@@ -34,12 +34,12 @@ _TAKEN = frozenset({"", ".", "..", "failed", "launch"})
 class Job(Record):
     """One run of a sweep."""
 
-    #: Of its directory.
+    #: The name of the job's directory.
     name: str
-    #: What is compared: the ablation, or the swept overrides without the seed.
+    #: The arm that is compared: the ablation, or the swept overrides without the seed.
     arm: str
     seed: int
-    #: Those that this job does not share with all others.
+    #: The overrides that this job does not share with all others.
     overrides: tuple[str, ...]
     #: Hash of what decides its results: two jobs with one hash are one job.
     config: str
@@ -47,16 +47,16 @@ class Job(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Retraining(Record):
-    """How the best networks of each job are trained again and tested."""
+    """The terms on which the best networks of each job are trained again and tested."""
 
-    #: How many of them, at most.
+    #: The number of best networks, at most.
     elites: Annotated[int, Ge(1)] = 1
     #: K, fresh training seeds of each network.
     seeds: Annotated[int, Ge(1)]
     epochs: Annotated[int, Ge(1)]
-    #: What `best` means.
+    #: The quantity by which the best ones are chosen.
     choose: ChosenBy
-    #: Those whose jobs are tested, in the order of the sweep; () for all, also for those that are added later.
+    #: The arms whose jobs are tested, in the order of the sweep; () for all, also for those that are added later.
     arms: tuple[str, ...] = ()
     #: (name, value) of the settings of numerics and device that are not the jobs' own.
     other_device: tuple[tuple[str, FreeJson], ...] = ()
@@ -76,30 +76,30 @@ class Retraining(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepTerms(Record):
-    """On which terms the arms of a sweep are compared; those of an early sweep, which states none, are empty."""
+    """The terms on which the arms of a sweep are compared; those of an early sweep, which states none, are empty."""
 
-    #: None where it was not stated when the sweep began.
+    #: The first metric of comparison; None where it was not stated when the sweep began.
     primary: Primary | None = None
     #: The arm that all others are compared with; None for `none`, where there is such an arm.
     reference: str | None = None
     #: Settings that take each job's seed as their value.
     vary: tuple[Varied, ...] = ()
-    #: What it follows; None where nothing was planned.
+    #: The plan that the sweep follows; None where nothing was planned.
     plan: SeedPlan | None = None
-    #: Written before the first of these trainings; None until then.
+    #: The terms on which the best networks are tested, written before the first of these trainings; None until then.
     retraining: Retraining | None = None
 
 
-#: Those of a sweep that states none.
+#: The terms of a sweep that states none.
 UNSTATED = SweepTerms()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepRecord(Record):
-    """What sweep.json holds."""
+    """The content of sweep.json."""
 
     schema: Literal[1] = 1
-    #: Those that all jobs share.
+    #: The overrides that all jobs share.
     overrides: tuple[str, ...]
     jobs: tuple[Job, ...]
     terms: SweepTerms = UNSTATED
@@ -112,10 +112,10 @@ class SweepRecord(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failure(Record):
-    """Why a job failed when it last ran; what failed/NAME.json holds."""
+    """The failure of a job when it last ran: the content of failed/NAME.json."""
 
     job: str
-    #: In words.
+    #: The reason in words.
     reason: str
     #: Whether the scheduler ended the job, or lost its node; otherwise its search failed, which is a result of its arm.
     by_scheduler: bool = False

@@ -29,7 +29,8 @@ MOST_MEMBERS = 50_000
 #: The longest name; what `packed` writes is far shorter, and no file system takes much more.
 LONGEST_NAME = 200
 
-#: What one member may unpack to: a ledger of 10,000 candidates takes 13 MB. JSON may take 24 times that in memory.
+#: The bytes to which one member may unpack: a ledger of 10,000 candidates takes 13 MB. JSON may take 24 times that in
+#: memory.
 MOST_OF_A_MEMBER = 32 * 1024**2
 
 #: Letters that mean the same in every file system, each part of a name beginning with one that hides nothing.
@@ -37,7 +38,7 @@ _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*(/[A-Za-z0-9_][A-Za-z0-9._-]*)*"
 
 _MODE = stat.S_IFREG | 0o644
 
-#: What reading a file that is not a sound zip file may raise.
+#: The errors that reading a file may raise which is not a sound zip file.
 _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, ValueError, struct.error)
 
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -45,7 +46,7 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 #: The earliest that a zip file knows.
 _TIME = (1980, 1, 1, 0, 0, 0)
 
-#: What to do about a file that somebody unpacked and packed again: its members may be the same, and its bytes are not.
+#: The remedy for a file that somebody unpacked and packed again: its members may be the same, and its bytes are not.
 _SEND = "send the file as tacevo wrote it"
 
 _PACKED_AGAIN = f"fetch the file again; if another program packed it again, {_SEND}"

@@ -1,4 +1,4 @@
-"""Which networks a study is about, and what they are chosen by; pure."""
+"""The networks of a study, and the rule that chooses them; pure."""
 
 from collections.abc import Collection, Mapping, Sequence
 

@@ -14,7 +14,7 @@ from tacevo.rules import CURRENT
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.of_sweep import each_job, finished_jobs
-from tacevo.studies.study import MirrorLater, Studied, carry_out, plan_trainings, run_to_train
+from tacevo.studies.study import MirrorLater, Studied, run_to_train, study_job, train_and_record
 
 
 def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLater | None = None) -> Studied:
@@ -29,7 +29,7 @@ def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLate
         expected = f"a run by {', '.join(FITNESS.ours)}: its fitness is that of a part that its user brought"
         raise ConfigError(fitness, place="training.fitness", expected=expected)
     elites = None if isinstance(config.elites, str) else config.elites
-    plan = plan_trainings(
+    job = study_job(
         run,
         replace(run.config, executor=config.executor),
         elites=elites,
@@ -39,7 +39,7 @@ def estimate_noise(config: NoiseConfig, view: Progress, mirror_later: MirrorLate
         planned=None,
         rules=CURRENT.training,
     )
-    return carry_out(plan, elites or 0, view, mirror_later=mirror_later)
+    return train_and_record(job, elites or 0, view, mirror_later=mirror_later)
 
 
 def estimate_noise_of_sweep(path: Path, config: NoiseConfig, view: Progress) -> tuple[list[Studied], list[str]]:

@@ -80,23 +80,23 @@ class Studied:
     digest: str
     #: Trainings of all networks and seeds.
     trainings: int
-    #: Those that were in the store before.
+    #: The number of trainings that were in the store before.
     recorded: int
-    #: Those that were made now and took two, because the network learns outside its weights.
+    #: The number of trainings that were made now and took two, because the network learns outside its weights.
     twice: int
-    #: Those that came to no end, as `variant 2, seed 3: out_of_time`.
+    #: The trainings that came to no end, as `variant 2, seed 3: out_of_time`.
     failed: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Job:
+class _NetworkTraining:
     """One network to be trained with one seed."""
 
     network: StudyNetwork
     #: 0 to S - 1.
     index: int
     source: str
-    #: Of the training; equal for all networks, so that they are paired by seed.
+    #: The seed of the training; equal for all networks, so that they are paired by seed.
     seed: int
 
     @property
@@ -106,15 +106,15 @@ class _Job:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StudyPlan:
+class StudyJob:
     """All that a study follows from."""
 
     run: RecordedRun
-    #: Of the run, with the training of the study.
+    #: The configuration of the run, with the training of the study.
     config: RunConfig
     header: StudyHeader
-    #: In the order of the scores.
-    jobs: tuple[_Job, ...]
+    #: The trainings, in the order of the scores.
+    trainings: tuple[_NetworkTraining, ...]
 
 
 def study(
@@ -129,8 +129,8 @@ def study(
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    plan, moved = _planned(config, other)
-    return carry_out(plan, config.elites if plan.run.answered else 0, view, moved, mirror_later)
+    job, other_data = _asked_job(config, other)
+    return train_and_record(job, config.elites if job.run.answered else 0, view, other_data, mirror_later)
 
 
 def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
@@ -141,8 +141,8 @@ def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
         ConfigError: its data are no images, or this machine cannot train as is asked.
         SandboxError: candidates cannot be confined as the run asks.
     """
-    plan, moved = _planned(config, other)
-    run = replace(plan.config, data=moved or plan.config.data)
+    job, other_data = _asked_job(config, other)
+    run = replace(job.config, data=other_data or job.config.data)
     source_of(run)
     check_means(run)
 
@@ -159,7 +159,7 @@ def run_to_train(path: str | None, store: str | None) -> RecordedRun:
     return run
 
 
-def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[StudyPlan, DataConfig | None]:
+def _asked_job(config: StudyConfig, other: Sequence[str]) -> tuple[StudyJob, DataConfig | None]:
     """Work out what a study follows from, and its data where they are not the run's."""
     run = run_to_train(config.run, config.store.root)
     elsewhere = replace(run.with_data, executor=config.executor)
@@ -169,7 +169,7 @@ def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[StudyPlan, Data
         elsewhere = compose_elsewhere(elsewhere, other)
     training = replace(elsewhere.training, epochs=config.epochs, seconds=config.seconds, memory_mib=config.memory_mib)
     margins, is_regression = config.margins, run.record.data.kind is Kind.regression
-    plan = plan_trainings(
+    job = study_job(
         run,
         replace(elsewhere, training=training, data=run.config.data),
         elites=config.elites,
@@ -179,7 +179,7 @@ def _planned(config: StudyConfig, other: Sequence[str]) -> tuple[StudyPlan, Data
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
-    return plan, elsewhere.data if any(map(is_of_data, other)) else None
+    return job, elsewhere.data if any(map(is_of_data, other)) else None
 
 
 def _chosen_by(run: RecordedRun) -> str:
@@ -191,55 +191,55 @@ def _chosen_by(run: RecordedRun) -> str:
     return noise_digest(run)
 
 
-def carry_out(
-    plan: StudyPlan,
-    wanted: int,
+def train_and_record(
+    job: StudyJob,
+    elites: int,
     view: Progress,
     elsewhere: DataConfig | None = None,
     mirror_later: MirrorLater | None = None,
 ) -> Studied:
-    """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
-    if plan.run.stores_found:
-        view.say(plan.run.stores_found)
-    here = with_table(plan.run.with_data, plan.run.record.data.fingerprint, plan.run.path)
-    run = replace(plan.config, data=elsewhere or here.data)
+    """Train all that a job asks for, and write it down; `elites` were asked for, and perhaps other data."""
+    if job.run.stores_found:
+        view.say(job.run.stores_found)
+    here = with_table(job.run.with_data, job.run.record.data.fingerprint, job.run.path)
+    run = replace(job.config, data=elsewhere or here.data)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
-    is_looked_up = run.data.facts.is_looked_up and plan.header.terms is None
+    is_looked_up = run.data.facts.is_looked_up and job.header.terms is None
     source = None if is_looked_up else source_of(run)
     check_means(run)
     if is_looked_up:
-        from tacevo.runs.looked_up import check_fresh
+        from tacevo.runs.table_answers import check_fresh
 
-        check_fresh(run, plan.header.seeds)
+        check_fresh(run, job.header.seeds)
     catalogue = None if source is None else source.catalogue()
     if elsewhere is None:
-        data = load_same(run, plan.header.data, view, catalogue=catalogue)
+        data = load_same(run, job.header.data, view, catalogue=catalogue)
     else:
         data = load_data(run, view, catalogue=catalogue)
-        plan = _moved(plan, elsewhere, data.facts)
-    plan = _grouped(plan, data.facts)
+        job = _on_other_data(job, elsewhere, data.facts)
+    job = _grouped(job, data.facts)
     remove_leftovers_in_stores(Path(run.store.root))
-    directory = find_study(plan.run.directory.path, plan.header, searched=bool(plan.run.answered))
+    directory = find_study(job.run.directory.path, job.header, searched=bool(job.run.answered))
     units = units_of(catalogue) if data.scale and catalogue is not None else ()
-    directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
-    workbench = Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say)
+    directory.begin(job.header, scale=data.scale, units=units, versions=versions(), machine=machine())
+    workbench = Workbench(run, job.run.record.task, data.facts, Mode.record, data=data, say=view.say)
     with in_use(directory.path), workbench as bench:
-        evaluator = _evaluator(bench, plan.header, data.scale)
-        recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
-        _introduce(directory, plan, wanted, len(recorded), view)
-        with telling(lambda: any(evaluator.is_recorded(job.source, job.seed) for job in plan.jobs)):
-            verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
-        later = contextlib.nullcontext() if mirror_later is not None else mirrored(run, plan.run.directory, view)
+        evaluator = _evaluator(bench, job.header, data.scale)
+        recorded = {training.row for training in job.trainings if evaluator.is_recorded(training.source, training.seed)}
+        _introduce(directory, job, elites, len(recorded), view)
+        with telling(lambda: any(evaluator.is_recorded(training.source, training.seed) for training in job.trainings)):
+            verdicts = _train(job.trainings, recorded, evaluator, bench.executor, view)
+        later = contextlib.nullcontext() if mirror_later is not None else mirrored(run, job.run.directory, view)
         with later:  # a mirror reads studies when this is done
-            digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
+            digest = directory.finish(job.header, _rows(job, evaluator, verdicts))
     if mirror_later is not None:
-        mirror_later.append((run, plan.run.directory))
-    rows = zip(plan.jobs, verdicts, strict=True)
-    failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
+        mirror_later.append((run, job.run.directory))
+    rows = zip(job.trainings, verdicts, strict=True)
+    failed = tuple(f"{training.row}: {verdict.reason}" for training, verdict in rows if isinstance(verdict, Rejection))
     return Studied(
         directory=directory.path,
         digest=digest,
-        trainings=len(plan.jobs),
+        trainings=len(job.trainings),
         recorded=len(recorded),
         twice=len(evaluator.twice),
         failed=failed,
@@ -293,7 +293,7 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
     if len(study.rows) != trainings:  # else a few digits could ask for more memory than there is
         place = f"{study.path}/scores.jsonl"
         raise RunError(f"{len(study.rows)}", place=place, expected=f"{trainings} scores, by its study.json")
-    plan = plan_trainings(
+    job = study_job(
         run,
         run.config
         if recorded.terms is None  # a noise run trains as the search did
@@ -305,11 +305,11 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
         planned=recorded.plan,
         rules=recorded.rules,
     )
-    plan = _grouped(plan, recorded.data)
+    job = _grouped(job, recorded.data)
     if recorded.other_data and recorded.data.fingerprint != run.record.data.fingerprint:
-        plan = replace(plan, header=replace(plan.header, data=recorded.data, other_data=recorded.other_data))
+        job = replace(job, header=replace(job.header, data=recorded.data, other_data=recorded.other_data))
     place = f"{study.path}/study.json"
-    if differing := misfits(recorded, plan.header):
+    if differing := misfits(recorded, job.header):
         raise DivergenceError(
             f"other values of {listed(differing)}: it was edited, or is the study of another run",
             place=place,
@@ -322,10 +322,10 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
     if data is not None:
         _check_data(recorded, data, place)
     stores = Stores(run.stores, seen)
-    with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, data=data, stores=stores) as bench:
-        evaluator = _evaluator(bench, plan.header, recorded.scale, predictions=run.has_predictions)
-        verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
-        digest = study.compare(plan.header, _rows(plan, evaluator, verdicts))
+    with Workbench(job.config, run.record.task, job.header.data, Mode.replay, data=data, stores=stores) as bench:
+        evaluator = _evaluator(bench, job.header, recorded.scale, predictions=run.has_predictions)
+        verdicts = [evaluator.evaluate(training.source, training.seed) for training in job.trainings]
+        digest = study.compare(job.header, _rows(job, evaluator, verdicts))
     if digest != recorded.digest:
         raise DivergenceError(str(recorded.digest), place=f"{place}, digest", expected=digest)
 
@@ -356,7 +356,7 @@ def _evaluator(
     return bench.studies(header.rules, scale, predictions=predictions)
 
 
-def plan_trainings(
+def study_job(
     run: RecordedRun,
     config: RunConfig,
     *,
@@ -366,7 +366,7 @@ def plan_trainings(
     chosen_by: str,
     planned: SeedPlan | None,
     rules: int,
-) -> StudyPlan:
+) -> StudyJob:
     """Work out which networks of a run are trained, by the training of `config`, and on which terms they are judged."""
     if given := run.record.task.given:
         networks = given_networks(run.candidates, [network.name for network in given])
@@ -391,8 +391,8 @@ def plan_trainings(
         rules=rules,
         other_device=other_device(run.config, config, eager=training in EAGER),
     )
-    jobs = [
-        _Job(
+    trainings = [
+        _NetworkTraining(
             network=network,
             index=index,
             source=source,
@@ -402,48 +402,48 @@ def plan_trainings(
         for source in [run.directory.read_source(network.id, network.source)]
         for index in range(seeds)
     ]
-    return StudyPlan(run=run, config=config, header=header, jobs=tuple(jobs))
+    return StudyJob(run=run, config=config, header=header, trainings=tuple(trainings))
 
 
-def _moved(plan: StudyPlan, data: DataConfig, facts: DataFacts) -> StudyPlan:
-    """Return the plan on other data, of the size and kind of the run's; they may turn out to be the run's own."""
-    if facts.fingerprint == plan.run.record.data.fingerprint:
-        return plan
-    differing = other_settings(plan.config.data, data) or (("fingerprint", facts.fingerprint[:12]),)
-    return replace(plan, header=replace(plan.header, data=facts, other_data=differing))
+def _on_other_data(job: StudyJob, data: DataConfig, facts: DataFacts) -> StudyJob:
+    """Return the job on other data, of the size and kind of the run's; they may turn out to be the run's own."""
+    if facts.fingerprint == job.run.record.data.fingerprint:
+        return job
+    differing = other_settings(job.config.data, data) or (("fingerprint", facts.fingerprint[:12]),)
+    return replace(job, header=replace(job.header, data=facts, other_data=differing))
 
 
-def _grouped(plan: StudyPlan, data: DataFacts) -> StudyPlan:
-    """Return the plan with the groups of the test images, which a run of an earlier release does not name."""
-    header = plan.header
+def _grouped(job: StudyJob, data: DataFacts) -> StudyJob:
+    """Return the job with the groups of the test images, which a run of an earlier release does not name."""
+    header = job.header
     if header.terms is None or header.data.groups or header.data.fingerprint != data.fingerprint:
-        return plan
-    return replace(plan, header=replace(header, data=replace(header.data, groups=data.groups)))
+        return job
+    return replace(job, header=replace(header, data=replace(header.data, groups=data.groups)))
 
 
-def _introduce(directory: StudyDirectory, plan: StudyPlan, wanted: int, recorded: int, view: Progress) -> None:
+def _introduce(directory: StudyDirectory, job: StudyJob, elites: int, recorded: int, view: Progress) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
-    what = "study" if plan.header.terms else "noise run"
-    view.say(f"{what}: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
-    networks, terms, seeds = plan.header.networks, plan.header.terms, plan.header.seeds
-    if plan.header.apart:
-        view.say(plan.header.apart)
+    what = "study" if job.header.terms else "noise run"
+    view.say(f"{what}: {directory.path} ({recorded} of {counted(len(job.trainings), 'training')} recorded already)")
+    networks, terms, seeds = job.header.networks, job.header.terms, job.header.seeds
+    if job.header.apart:
+        view.say(job.header.apart)
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
-    if plan.header.chosen_by:
+    if job.header.chosen_by:
         from tacevo.results.noise_runs import noise_runs
 
-        names = {noise.digest: noise.name for noise in noise_runs(plan.run)}
+        names = {noise.digest: noise.name for noise in noise_runs(job.run)}
         several = f", the largest of {len(names)}" if len(names) > 1 else ""
-        view.say(f"elites chosen by the noise run {names[plan.header.chosen_by]}{several}")
-    if len(networks) <= wanted:
+        view.say(f"elites chosen by the noise run {names[job.header.chosen_by]}{several}")
+    if len(networks) <= elites:
         own = counted(len(networks) - 1, "elite")
-        view.say(f"the archive has {own} with a source of its own, fewer than elites={wanted}")
+        view.say(f"the archive has {own} with a source of its own, fewer than elites={elites}")
     if terms is not None and seeds < (needed := fewest_seeds(terms.alpha)):
         view.say(
             f"no comparison with the baseline will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "
             f"significant; it takes seeds={needed} or more"
         )
-    data = plan.header.data
+    data = job.header.data
     if terms is not None and data.units < min(FEWEST, data.counts[2]):
         view.say(
             f"{images_tested(data)}, each of which counts once: too few for tests and intervals over them, which take "
@@ -452,51 +452,57 @@ def _introduce(directory: StudyDirectory, plan: StudyPlan, wanted: int, recorded
 
 
 def _train(
-    jobs: Sequence[_Job], recorded: Set[str], evaluator: Evaluator | FullEvaluator, executor: Executor, view: Progress
+    trainings: Sequence[_NetworkTraining],
+    recorded: Set[str],
+    evaluator: Evaluator | FullEvaluator,
+    executor: Executor,
+    view: Progress,
 ) -> list[_Verdict]:
-    """Train all that is not recorded, in parallel; return the verdicts in the order of the jobs.
+    """Train all that is not recorded, in parallel; return the verdicts in the order of the trainings.
 
     The progress counts only trainings that were not recorded before.
     """
-    order = list(range(len(jobs)))
+    order = list(range(len(trainings)))
     # Every process takes its own order, so that two on one study rarely train the same network with the same seed.
     random.SystemRandom().shuffle(order)
-    futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
+    futures = {
+        executor.submit(evaluator.evaluate, trainings[index].source, trainings[index].seed): index for index in order
+    }
     verdicts: dict[int, _Verdict] = {}
     twice: set[str] = set()
     done = len(recorded)
-    view.advance("trainings", done, len(jobs))
+    view.advance("trainings", done, len(trainings))
     for future in as_completed(futures):
-        place = futures[future]
-        verdict = verdicts[place] = future.result()
+        index = futures[future]
+        verdict = verdicts[index] = future.result()
         if isinstance(verdict, Rejection):
-            view.say(f"{jobs[place].row}: {verdict.reason}: {verdict.detail}")
-        name = jobs[place].network.name
-        if (jobs[place].source, jobs[place].seed) in evaluator.twice and name not in twice:
+            view.say(f"{trainings[index].row}: {verdict.reason}: {verdict.detail}")
+        name = trainings[index].network.name
+        if (trainings[index].source, trainings[index].seed) in evaluator.twice and name not in twice:
             twice.add(name)
             view.say(f"{name} learns outside its weights and buffers, so each of its trainings is made twice")
-        if jobs[place].row not in recorded:
+        if trainings[index].row not in recorded:
             done += 1
-            view.advance("trainings", done, len(jobs))
-    return [verdicts[place] for place in range(len(jobs))]
+            view.advance("trainings", done, len(trainings))
+    return [verdicts[index] for index in range(len(trainings))]
 
 
-def _rows(plan: StudyPlan, evaluator: Evaluator | FullEvaluator, verdicts: Sequence[_Verdict]) -> list[Row]:
-    """Return the lines of the scores, one for each job."""
-    pairs = zip(plan.jobs, verdicts, strict=True)
-    training = plan.config.training
+def _rows(job: StudyJob, evaluator: Evaluator | FullEvaluator, verdicts: Sequence[_Verdict]) -> list[Row]:
+    """Return the lines of the scores, one for each training."""
+    pairs = zip(job.trainings, verdicts, strict=True)
+    settings = job.config.training
     rule: Fitness | None = None
-    if training.fitness in FITNESS.ours:
-        rule = of_settings(FITNESS, training.fitness, training)
-    return [_row(job, evaluator.key(job.source, job.seed), verdict, rule) for job, verdict in pairs]
+    if settings.fitness in FITNESS.ours:
+        rule = of_settings(FITNESS, settings.fitness, settings)
+    return [_row(training, evaluator.key(training.source, training.seed), verdict, rule) for training, verdict in pairs]
 
 
-def _row(job: _Job, evaluation: str, verdict: _Verdict, rule: Fitness | None) -> Row:
+def _row(training: _NetworkTraining, evaluation: str, verdict: _Verdict, rule: Fitness | None) -> Row:
     if isinstance(verdict, Rejection):
         return FailedLine(
-            network=job.network.name,
-            id=job.network.id,
-            seed=job.index,
+            network=training.network.name,
+            id=training.network.id,
+            seed=training.index,
             evaluation=evaluation,
             stage=verdict.stage,
             reason=verdict.reason,
@@ -509,9 +515,9 @@ def _row(job: _Job, evaluation: str, verdict: _Verdict, rule: Fitness | None) ->
     else:
         loss = verdict.validation_loss
     return ScoreLine(
-        network=job.network.name,
-        id=job.network.id,
-        seed=job.index,
+        network=training.network.name,
+        id=training.network.id,
+        seed=training.index,
         evaluation=evaluation,
         epoch=verdict.epoch,
         validation_loss=loss,

@@ -25,19 +25,19 @@ from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.search_process import Starter, end, keep_ending, keep_order
 from tacevo.text import first_line
 
-#: What `hydra/launcher=` may name.
+#: The launcher that `hydra/launcher=` may name.
 SLURM = "submitit_slurm"
 
 #: Hydra's names for launchers of this machine, which its users type.
 _HERE = ("basic", "joblib")
 
-#: What takes their place.
+#: The remedy: what takes their place.
 _INSTEAD = (
     "-m itself runs jobs as processes of this machine, as many at once as its cores take; hydra.launcher.n_jobs=N sets "
     "another number"
 )
 
-#: How the overrides of the launcher begin.
+#: The beginnings of the launcher's overrides.
 _LAUNCHER, _OPTION = "hydra/launcher=", "hydra.launcher."
 
 #: The part of a core that a search takes whose candidates are computed elsewhere.
@@ -49,13 +49,13 @@ _TICK = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Launcher:
-    """Where the jobs run, and how."""
+    """The launcher of a sweep: where its jobs run, and how."""
 
     #: `SLURM`; empty for this machine.
     cluster: str = ""
-    #: By name, as `n_jobs`.
+    #: The options of the launcher by name, as `n_jobs`.
     options: Mapping[str, Json]
-    #: What a user is told of the launcher that was named; empty where it is as Hydra has it.
+    #: The message to a user about the launcher that was named; empty where it is as Hydra has it.
     remark: str = ""
 
 

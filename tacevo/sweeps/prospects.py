@@ -1,4 +1,4 @@
-"""What a sweep cannot show, known before it runs: arms that are equal by construction, seeds that are too few."""
+"""The limits of a sweep, known before it runs: arms that are equal by construction, seeds that are too few."""
 
 from collections.abc import Mapping, Sequence
 

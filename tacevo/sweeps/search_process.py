@@ -38,10 +38,10 @@ _INTERRUPTED = (130, 143)
 #: Bytes that the line of an exit status has at most.
 _STATUS = 8
 
-#: How the first line of a log begins, which holds the command.
+#: The beginning of a log's first line, which holds the command.
 _TYPED = "$ "
 
-#: How the last line of a failed command begins.
+#: The beginning of a failed command's last line.
 _ERROR = "error: "
 
 

@@ -31,7 +31,7 @@ _SHARED = frozenset(
     {"name", "timeout_min", "mem_gb", "nodes", "cpus_per_task", "gpus_per_node", "tasks_per_node", "stderr_to_stdout"}
 )
 
-#: How often a job whose time is out is queued again; a parameter of the executor itself.
+#: The number of times that a job is queued again whose time is out; a parameter of the executor itself.
 _RESUMED = "max_num_timeout"
 
 #: Every job of this user that Slurm still remembers, each of an array on a line of its own.

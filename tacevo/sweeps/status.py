@@ -24,25 +24,25 @@ class Status:
 
     job: Job
     standing: Standing
-    #: Of its ledger.
+    #: The number of lines of its ledger.
     lines: int = 0
     #: The best validation loss of its last whole generation; None before the first.
     best: float | None = None
     #: Whether that is at chance (`tacevo.evolution.chance`), of a finished job.
     at_chance: bool = False
-    #: Of a finished job; else empty.
+    #: The digest of a finished job; else empty.
     digest: str = ""
-    #: Of a failed job; else empty.
+    #: The reason of a failed job; else empty.
     reason: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Begun:
-    """What lies in the run directory of a job, read once."""
+    """The content of a job's run directory, read once."""
 
     run: RunDirectory
     is_busy: bool
-    #: None where none was written yet.
+    #: The content of run.json; None where none was written yet.
     record: RunRecord | None
     ledger: Sealed[Line]
 

@@ -36,13 +36,13 @@ from tacevo.sweeps.status import Status, best_in_words, check_is_run_of, read_jo
 from tacevo.sweeps.terms import Asked, check_varied, settled, with_reference
 from tacevo.text import counted, lasting
 
-#: What distinguishes jobs even if it has one value only, so that more can be added.
+#: The settings that distinguish jobs even if they have one value only, so that more can be added.
 _OWN = ("ablation", "seed")
 
 #: The longest part of a directory's name that comes from an arm, in characters.
 _LONGEST = 80
 
-#: What a command says that says nothing of the terms.
+#: The request of a command that says nothing of the terms.
 _NOTHING = Asked()
 
 #: Runs jobs to their ends; see `tacevo.sweeps.launch.launch`.

@@ -1,4 +1,4 @@
-"""On which terms the arms of a sweep are compared: stated when it begins, and kept from then on.
+"""The terms on which the arms of a sweep are compared: stated when it begins, and kept from then on.
 
 docs/ablation_study.md says what each of them is for.
 """
@@ -17,7 +17,7 @@ from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """What a command says of the terms of a sweep; None where it says nothing."""
+    """The request of a command about the terms of a sweep; None where it says nothing."""
 
     primary: Primary | None = None
     reference: str | None = None

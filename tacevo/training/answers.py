@@ -16,13 +16,14 @@ from tacevo.sandbox.client import AnswerError, Died, Finished, Frame
 from tacevo.sandbox.protocol import one_line
 from tacevo.training.losses import validation_loss
 
-#: How torch spells an operation, as `training.determinism` notes it. A summary shows it, so it is not free text.
+#: The name of an operation as torch spells it, and as `training.determinism` notes it. A summary shows it, so it is not
+#: free text.
 _Operation = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_:.]{1,100}$")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Epoch(Record):
-    """What a trainer sends after an epoch, besides its predictions."""
+    """The message of a trainer after an epoch, besides its predictions."""
 
     epoch: int
     train_loss: float
@@ -32,7 +33,7 @@ class _Epoch(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Failure(Record):
-    """Why a training ended early."""
+    """The reason why a training ended early."""
 
     reason: Reason
     detail: str
@@ -40,7 +41,7 @@ class _Failure(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _End(Record):
-    """What a trainer sends last: the digest of the trained weights, or why there is none."""
+    """The last message of a trainer: the digest of the trained weights, or why there is none."""
 
     weights_sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")] = ""
     not_deterministic: Annotated[tuple[_Operation, ...], MaxLen(100)] = ()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 #: The driver's library, by the name under which CUDA's runtime opens it; mapped, it starts no driver.
 _DRIVER = "libcuda.so.1"
-#: One of CUDA's runtime is mapped where torch is built for CUDA.
+#: The names of libraries: one of CUDA's runtime is mapped where torch is built for CUDA.
 _RUNTIME, _CUDNN = "libcudart", "libcudnn.so"
 
 

@@ -16,7 +16,7 @@ import torch
 from tacevo.training.pooling import repeating_pooling
 
 _WITHOUT_FORM = re.compile(r"(\S+) does not have a deterministic implementation")
-#: What a name does not contain: the search accepts names only, not free text.
+#: The characters that a name does not contain: the search accepts names only, not free text.
 _FOREIGN = re.compile(r"[^\w:.]+", re.ASCII)
 
 

@@ -27,7 +27,7 @@ from tacevo.training.losses import validation_loss
 ENTRIES = {"train": "tacevo.training.trainer:run"}
 #: The job that comes before the first training on a GPU (`tacevo.training.gpu.look`).
 LOOK = "look"
-#: What it needs besides, on a GPU.
+#: The entry that trainings on a GPU need besides.
 ENTRIES_OF_GPUS = {LOOK: "tacevo.training.gpu:look"}
 EQUIP = "tacevo.training.gpu:equip"
 
@@ -45,11 +45,11 @@ class Examples:
     validation: NDArray[np.int64]
     #: Float32 of shape (n, K) for regression; int64 of shape (n,), each in [0, K), for classification.
     train_targets: NDArray[Any]
-    #: The same for the validation images; never sent to a candidate.
+    #: The targets of the validation images, of the same type; never sent to a candidate.
     validation_targets: NDArray[Any]
-    #: Per channel, in units of the stored values (0 to 255).
+    #: The mean of each channel, in units of the stored values (0 to 255).
     mean: tuple[float, ...]
-    #: Per channel, in the same units, positive.
+    #: The deviation of each channel, in the same units, positive.
     deviation: tuple[float, ...]
     #: The data set's, as in `tacevo.records.DataFacts`.
     fingerprint: str
@@ -57,10 +57,10 @@ class Examples:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What all trainings of one kind share. Their results follow from this, the source and the seed alone."""
+    """The setting of all trainings of one kind. Their results follow from it, the source and the seed alone."""
 
     contract: Contract
-    #: Of the data set.
+    #: The fingerprint of the data set.
     fingerprint: str
     recipe: Recipe
     numerics: Numerics
@@ -163,7 +163,7 @@ class TrainingStore(ABC, Generic[Data, Result]):
     """
 
     _result: type[Result]
-    #: Of the result, in an entry of the store.
+    #: The name of the result in an entry of the store.
     _name: str
 
     def __init__(self, *, run: RunJob, store: Store, setting: Setting, examples: Data | None, rules: int) -> None:

@@ -51,7 +51,7 @@ class HeldOut:
     rows: NDArray[np.int64]
     #: Float32 of shape (t, K) for regression; int64 of shape (t,), each in [0, K), for classification.
     targets: NDArray[Any]
-    #: Of the regressed values or classes, K.
+    #: The names of the regressed values or classes, K.
     names: tuple[str, ...]
     #: Units of the recording for one unit of training, K; empty for classification.
     scale: tuple[float, ...]
@@ -59,11 +59,13 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredPredictions(Record):
-    """Where the test predictions of a full training are, among the arrays of the store: their SHA-256."""
+    """The SHA-256 of a full training's test predictions and labels, under which the store keeps the arrays."""
 
-    #: Of the chosen epoch, float32, shape (t, K), in the scaled units of training, or logits.
+    #: The digest of the predictions of the chosen epoch, float32, shape (t, K), in the scaled units of training, or
+    #: logits.
     predictions: str
-    #: Of the test images, float32 of shape (t, K) in the same units, or int64 classes of shape (t,).
+    #: The digest of the labels of the test images, float32 of shape (t, K) in the same units, or int64 classes of shape
+    #: (t,).
     labels: str
 
 
@@ -71,16 +73,16 @@ class StoredPredictions(Record):
 class FullTraining(Record):
     """A full training, and the test metrics of its best epoch."""
 
-    #: As of a search with so many epochs; its `weights_sha256` is of the last one. Before `CHOSEN_SINCE` its
-    #: `predictions_sha256` covers the test images, too.
+    #: The training, as of a search with so many epochs; its `weights_sha256` is of the last one. Before `CHOSEN_SINCE`
+    #: its `predictions_sha256` covers the test images, too.
     training: Training
-    #: Of the lowest validation loss, from 1; the first one on a tie.
+    #: The epoch of the lowest validation loss, from 1; the first one on a tie.
     epoch: int
-    #: By name, see `training.metrics`.
+    #: The metrics by name, see `training.metrics`.
     metrics: dict[str, float]
-    #: None for regression.
+    #: The confusion matrix; None for regression.
     confusion: Confusion | None
-    #: None under the rules before `KEPT_SINCE`.
+    #: The stored predictions and labels; None under the rules before `KEPT_SINCE`.
     kept: StoredPredictions | None = None
 
     @property

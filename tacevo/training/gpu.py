@@ -25,7 +25,7 @@ from tacevo.training.trainer import run
 #: Rows that are copied to the device at once.
 _BLOCK = 256
 
-#: What is trained when a GPU is looked at, on so few images: the parts that most candidates have.
+#: The network that is trained when a GPU is looked at, on so few images: the parts that most candidates have.
 _SMALL = """
 class Small(nn.Module):
     def __init__(self):

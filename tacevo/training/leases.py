@@ -1,4 +1,4 @@
-"""Which GPU a training runs on, and with how much of its memory: each is lent to several at once (parent side)."""
+"""The lease of a GPU to a training, with a part of its memory: each is lent to several at once (parent side)."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""How much memory of a GPU a training will want, as far as the probe's profile tells; pure.
+"""The memory of a GPU that a training will want, as far as the probe's profile tells; pure.
 
 It is a guess, and no result depends on it: a training that was refused memory under a guess is made again with all that
 its recipe allows (`tacevo.training.leases`).
@@ -14,13 +14,14 @@ from tacevo.records import Contract, Recipe
 CONTEXT_MIB = 1024
 
 _FLOAT = 4  # bytes
-#: Of a parameter: itself, its gradient and two moments of Adam.
+#: The values in memory for each parameter: itself, its gradient and two moments of Adam.
 _OF_A_PARAMETER = 4
-#: Of an activation: itself, and as much again for its gradient, masks and what is being computed.
+#: The values in memory for each activation: itself, and as much again for its gradient, masks and what is being
+#: computed.
 _OF_AN_ACTIVATION = 2
 #: A captured step is tried on a second network first, whose memory lies in another stream and is not used again.
 _NETWORKS = 2
-#: For the workspaces of cuBLAS and cuDNN, and what lies idle between blocks.
+#: The memory for the workspaces of cuBLAS and cuDNN, and what lies idle between blocks.
 _BESIDE_MIB = 512
 
 

@@ -22,19 +22,19 @@ _INSTRUCTIONS: Mapping[Numerics, Mapping[str, str]] = {
 #: MKL's vector library, from which ATen takes functions such as log10, looks at the second one alone: 0 is the code
 #: that AMD's CPUs have, on which everything published was trained. `make bits` shows what follows from it.
 _ONE_CODE = {"MKL_CBWR": "COMPATIBLE", "MKL_VML_DEBUG_CPU_TYPE": "0"}
-#: What these kernels are compiled for; each library would run them without asking the CPU.
+#: The instruction sets that these kernels are compiled for; each library would run them without asking the CPU.
 _FLAGS: Mapping[Numerics, Sequence[str]] = {
     Numerics.portable: ["avx2"],
     Numerics.portable512: ["avx2", "fma", "avx512f", "avx512bw", "avx512dq", "avx512vl"],
 }
-#: In bytes: below these glibc's malloc keeps what is freed. Otherwise every step returns its tensors' pages, and the
-#: kernel zeroes them again, which took a tenth of a training's time (the baseline's, at 32 pixels). Both are needed:
-#: page faults fell from 380,000 to 17,000; with the trim threshold alone they rose to 1,250,000.
+#: The sizes, in bytes, below which glibc's malloc keeps what is freed. Otherwise every step returns its tensors' pages,
+#: and the kernel zeroes them again, which took a tenth of a training's time (the baseline's, at 32 pixels). Both are
+#: needed: page faults fell from 380,000 to 17,000; with the trim threshold alone they rose to 1,250,000.
 _KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 30), "MALLOC_TRIM_THRESHOLD_": str(1 << 30)}
-#: Without a workspace of fixed size, the order of cuBLAS's sums may change between runs.
+#: The fixed workspace of cuBLAS: without a workspace of fixed size, the order of cuBLAS's sums may change between runs.
 _CUBLAS = {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"}
-#: What computes on a CPU finds no GPU. Else an export, in which torch asks for one, starts the driver and, it seems,
-#: threads; by NVML torch sees without the driver that none is visible.
+#: The environment in which a process that computes on a CPU finds no GPU. Else an export, in which torch asks for one,
+#: starts the driver and, it seems, threads; by NVML torch sees without the driver that none is visible.
 _NO_GPU = {"CUDA_VISIBLE_DEVICES": "", "PYTORCH_NVML_BASED_CUDA_CHECK": "1"}
 
 

@@ -38,10 +38,10 @@ def _of_mean(gradient: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
 
 
 def _shared_out(gradient: torch.Tensor, axis: int, size: int) -> torch.Tensor:
-    """Give each of `size` places the sum of its windows' gradients, each divided by the window's length.
+    """Give each of `size` positions the sum of its windows' gradients, each divided by the window's length.
 
-    Window i of n holds the places floor(i size / n) to ceil((i + 1) size / n) - 1, so place p lies in the windows
-    floor(p n / size) to ceil((p + 1) n / size) - 1: one or two where there are no more windows than places.
+    Window i of n holds the positions floor(i size / n) to ceil((i + 1) size / n) - 1, so position p lies in the windows
+    floor(p n / size) to ceil((p + 1) n / size) - 1: one or two where there are no more windows than positions.
     """
     shape = [-1] + [1] * (-1 - axis)
     lengths, windows = _windows(gradient.shape[axis], size, gradient.device)
@@ -57,10 +57,10 @@ def _shared_out(gradient: torch.Tensor, axis: int, size: int) -> torch.Tensor:
 def _windows(
     count: int, size: int, device: torch.device
 ) -> tuple[torch.Tensor, tuple[tuple[torch.Tensor, torch.Tensor], ...]]:
-    """Return the lengths of an axis's windows; and for each place its first window, its second, ..., if it has it."""
-    number, place = np.arange(count), np.arange(size)
+    """Return the lengths of an axis's windows; and each position's first window, its second, ..., if it has it."""
+    number, position = np.arange(count), np.arange(size)
     lengths = -(-(number + 1) * size // count) - number * size // count
-    first, last = place * count // size, -(-(place + 1) * count // size) - 1
+    first, last = position * count // size, -(-(position + 1) * count // size) - 1
     each = [first + step for step in range(int((last - first).max()) + 1)]
 
     def there(values: NDArray[Any]) -> torch.Tensor:
@@ -70,17 +70,17 @@ def _windows(
 
 
 def _of_maximum(gradient: torch.Tensor, images: torch.Tensor, chosen: torch.Tensor) -> torch.Tensor:
-    """Return the gradient of images, shape (..., H, W), from that of the maxima, (..., h, w), and their places.
+    """Return the gradient of images, shape (..., H, W), from that of the maxima, (..., h, w), and their positions.
 
-    A place is the greatest of several windows where these overlap. `index_put_` adds in the order of the windows.
+    A position is the greatest of several windows where these overlap. `index_put_` adds in the order of the windows.
     """
     height, width = images.shape[-2:]
     planes = images.numel() // (height * width)
     start = torch.arange(planes, device=chosen.device)[:, None] * (height * width)
-    places = start.expand(planes, chosen.shape[-2] * chosen.shape[-1]).reshape(-1) + chosen.reshape(-1)
+    positions = start.expand(planes, chosen.shape[-2] * chosen.shape[-1]).reshape(-1) + chosen.reshape(-1)
     added = _widened(gradient).reshape(-1)
     total = added.new_zeros(images.numel())
-    total.index_put_((places,), added, accumulate=True)
+    total.index_put_((positions,), added, accumulate=True)
     return total.reshape(images.shape).to(gradient.dtype)
 
 

@@ -39,29 +39,30 @@ from tacevo.sandbox.protocol import Header
 from tacevo.training.captured import Capture, CapturedSteps, Step, repeats_itself
 from tacevo.training.determinism import noting_nondeterminism
 
-#: Of the largest output: two layouts sum in another order. No candidate of the published runs, and no recorded answer,
-#: differed by a tenth of it.
+#: The largest difference between two layouts, in parts of the largest output: they sum in another order. No candidate
+#: of the published runs, and no recorded answer, differed by a tenth of it.
 _ROUNDING = 1e-4
 
 
 _LAYOUTS = {Layout.contiguous: torch.contiguous_format, Layout.channels_last: torch.channels_last}
-#: Of a batch in training: so many images are predicted at once where capturing is asked for. No gradient is kept then.
+#: The number of training batches whose images are predicted at once where capturing is asked for. No gradient
+#: is kept then.
 _PREDICTED_AT_ONCE = 4
 
 
 class _Job(NamedTuple):
-    """What the search asked for; rows index the images."""
+    """The training that the search asked for; rows index the images."""
 
     source: str
     contract: Contract
     recipe: Recipe
     seed: int
-    #: By rows of the data set, uint8: an array, or `tacevo.training.gpu.Resident`.
+    #: The images by rows of the data set, uint8: an array, or `tacevo.training.gpu.Resident`.
     images: Any
     mean: torch.Tensor
     deviation: torch.Tensor
     train: NDArray[np.int64]
-    #: In groups of which no two share a batch.
+    #: The rows that are predicted, in groups of which no two share a batch.
     predicted: tuple[NDArray[np.int64], ...]
     #: Whether the groups after the first are predicted in the end alone.
     last: bool
@@ -69,7 +70,7 @@ class _Job(NamedTuple):
     device: torch.device
     #: The epoch, from 1, whose weights are kept and sent; None where the parent says which are kept, and none are sent.
     sent_epoch: int | None
-    #: Of the images in memory; on a GPU of the weights, too.
+    #: The layout of the images in memory; on a GPU of the weights, too.
     layout: torch.memory_format = torch.contiguous_format
     #: Records a step, where that is asked for.
     capture: Capture | None = None

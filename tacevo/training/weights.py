@@ -24,7 +24,7 @@ from tacevo.training.full import HeldOut, untested
 #: Weights and buffers by name; a plain array each.
 Weights = Mapping[str, NDArray[np.generic]]
 
-#: What torch calls the types that a weight may have, and what NumPy does.
+#: The types that a weight may have, by their names in torch, with those in NumPy.
 TYPES = {
     f"torch.{name}": np.dtype(name)
     for name in ("float32", "float64", "float16", "int64", "int32", "int16", "int8", "uint8", "bool")
@@ -37,7 +37,7 @@ _Size = Annotated[int, Ge(0), Lt(2**40)]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sent(Record):
-    """What a trainer sends with the bytes of the weights: name, type and shape of each."""
+    """The message that a trainer sends with the bytes of the weights: name, type and shape of each."""
 
     weights: Annotated[tuple[tuple[_Name, str, tuple[_Size, ...]], ...], MaxLen(100_000)]
 
@@ -46,13 +46,15 @@ class _Sent(Record):
 class Weighed:
     """A training with the weights of one epoch."""
 
-    #: Of the training and validation images alone, as a search records it, and a study under today's rules.
+    #: The training on the training and validation images alone, as a search records it, and a study under today's
+    #: rules.
     training: Training
-    #: As studies under the rules before `tacevo.rules.CHOSEN_SINCE` record it: its digest covers the predictions of the
-    #: test images, too.
+    #: The training as studies under the rules before `tacevo.rules.CHOSEN_SINCE` record it: its digest covers the
+    #: predictions of the test images, too.
     tested: Training
     weights: Weights
-    #: Of the test images after that epoch, float32, shape (t, K), in the scaled units of training, or logits.
+    #: The predictions of the test images after that epoch, float32, shape (t, K), in the scaled units of training, or
+    #: logits.
     predictions: NDArray[np.float32]
 
 

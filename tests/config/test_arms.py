@@ -30,7 +30,7 @@ from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.evolution.proposals import Proposal, plan_initial
 from tacevo.evolution.state import Plan
 from tacevo.records import Mode, written
-from tacevo.runs.deciding import Decisions, Parts
+from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.wiring import build_plan, build_settings
 from tacevo.storage.ledger import Ledger
 

@@ -12,8 +12,8 @@ from commands import tacevo
 from presupposed import write_logs
 from test_docs_commands import write_files_of
 
-from tacevo.parts.deciding import ALLOWED
 from tacevo.parts.kinds import KINDS, Kind
+from tacevo.parts.protocols import ALLOWED
 
 PAGE = ROOT / "docs" / "parts.md"
 

@@ -19,7 +19,7 @@ from tacevo.evolution.run_files import read_ledger
 from tacevo.records import written
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
-from tacevo.runs.session import Walls, record
+from tacevo.runs.session import ConfinementLog, record
 from tacevo.sandbox.confinement import available, in_force
 from tacevo.storage.run_directory import RunDirectory
 
@@ -97,9 +97,9 @@ def test_candidates_on_a_gpu_are_not_said_to_be_walled(before: Any, place: Path)
     """What was left out is not claimed, earlier candidates keep theirs, and the machine's own count for nobody."""
     directory = RunDirectory(place)
     directory.write_run(run_record(confinement=tuple(before)))
-    walls, unwalled = Walls(directory), in_force(("no_new_privs", "not_dumpable", "no_capabilities"))
-    walls.note(unwalled)
-    walls.note(unwalled)
+    log, unwalled = ConfinementLog(directory), in_force(("no_new_privs", "not_dumpable", "no_capabilities"))
+    log.note(unwalled)
+    log.note(unwalled)
     assert confinement(place) == [*before, unwalled]
     assert (unwalled["level"], "not in force" in unwalled["rlimits"]) == ("none", True)
 

@@ -94,7 +94,7 @@ class Sensor:
     """One sensor at one image size: float32 arrays of shape (size, size), and markers, float64, of shape (127,)."""
 
     size: int
-    #: Where each pixel looks at the undeformed skin.
+    #: The point of the undeformed skin, in mm, at which each pixel looks.
     x: npt.NDArray[np.float32]
     y: npt.NDArray[np.float32]
     #: Grey values without contact; dirt, of unit size; 1 where the dome is in sight and 0 outside.
@@ -266,7 +266,7 @@ def _periods(grating: Grating, x: Field, y: Field) -> Field:
 
 
 def _marker_cover(sensor: Sensor, press: Press, rng: np.random.Generator) -> npt.NDArray[np.float32]:
-    """How much of each pixel a marker covers, in [0, 1]."""
+    """The part of each pixel that a marker covers, in [0, 1]."""
     scale = sensor.size / REFERENCE_SIZE
     columns, rows, lift = _marker_pixels(sensor, press)
     shift = normal(rng, 0.25 * scale, (2, 1)) + normal(rng, 0.12 * scale, (2, len(lift)))

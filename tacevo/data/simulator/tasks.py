@@ -47,17 +47,17 @@ SHORE_LEVELS = (17.5, 20.0, 22.5, 25.0, 27.5, 30.0)
 
 FRICTION = 0.66
 
-#: Of force: the longest sideways stroke of the ball in mm, of which the contact takes a part and the dome the rest.
+#: Task force: the longest sideways stroke of the ball in mm, of which the contact takes a part and the dome the rest.
 STROKE = 3.0
 
-#: What the force sensor adds to a force: noise in N, and hysteresis as a share of the force.
+#: The errors of the force sensor: noise in N, and hysteresis as a share of the force.
 FORCE_NOISE, HYSTERESIS = 0.02, 0.04
 
-#: Of gratings: the standard deviation of the yaw, in radians.
+#: Task grating: the standard deviation of the yaw, in radians.
 GRATING_YAW = 0.15
 
-#: Of gratings: side of the plate, which is wider than any contact, depth of a groove, and width at which its bottom has
-#: faded to 1/e, in mm; grey values of the light that a plate keeps out.
+#: Task grating: side of the plate, which is wider than any contact, depth of a groove, and width at which its bottom
+#: has faded to 1/e, in mm; grey values of the light that a plate keeps out.
 PLATE_SIDE, GROOVE_DEPTH, GROOVE_FADING, PLATE_SHADE = 20.0, 0.5, 1.0, 50.0
 
 #: Grey values by which specimens of one hardness differ, as a standard deviation.
@@ -109,9 +109,9 @@ class Simulated:
     images: int
     #: Height and width in pixels, from 16 to 256.
     image_size: int
-    #: Of the presses and of everything that varies from image to image.
+    #: The seed of the presses and of everything that varies from image to image.
     seed: int
-    #: Of the sensor: another one has its markers and dirt elsewhere.
+    #: The seed of the sensor: with another one, markers and dirt lie elsewhere.
     sensor_seed: int
     light: LightScene
     #: Widths of a ridge, which is also that of a groove, in mm: one class each; used by `grating` only.

@@ -1,1 +1,1 @@
-"""Where images and labels come from: directories, tables, arrays, the TacVerse release."""
+"""The sources of images and labels: directories, tables, arrays, the TacVerse release."""

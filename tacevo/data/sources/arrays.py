@@ -60,7 +60,7 @@ class Arrays:
     image_size: int
     #: The stored value that becomes 255; None for images of 8 bits as they are.
     white_point: float | None = None
-    #: Which sensors and parts are taken, where arrays name them.
+    #: The sensors and parts that are taken, where arrays name them.
     sensors: Sensors = NONE_NAMED
 
     def describe(self) -> Json:

@@ -28,7 +28,7 @@ class Lines:
 
     def __init__(self, table: Path) -> None:
         self._table = table
-        #: What stands between the columns.
+        #: The character between two columns.
         self.separator = ","
         #: The numbers of the lines that were passed over because they hold separators alone, as far as was read.
         self.blank: list[int] = []

@@ -16,7 +16,8 @@ SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 #: Endings of images that a table may name.
 _ENDINGS = SUFFIXES | {".bmp", ".gif", ".webp", ".pgm", ".ppm"}
 
-#: What systems, network drives and programs leave beside a user's files: hidden files that are not called so.
+#: The names of files that systems, network drives and programs leave beside a user's files, as hidden ones that are not
+#: called so.
 _LITTER = frozenset(
     {
         *("__macosx", "icon\r", "network trash folder", "temporary items", "thevolumesettingsfolder"),

@@ -48,7 +48,7 @@ def from_settings(given: Given) -> "Folder":
 class Folder(FileSource):
     """One directory per class, named after it; classes are in the order of their numbers, or of their names."""
 
-    #: Which sensors and parts are taken, where levels of directories name them, counted from 1.
+    #: The sensors and parts that are taken, where levels of directories name them, counted from 1.
     sensors: Sensors = NONE_NAMED
 
     def describe(self) -> Json:

@@ -88,7 +88,7 @@ def _files(directory: Path, pattern: str) -> list[Path]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileSource:
-    """What the sources of image files have in common: settings, and how files become a catalogue."""
+    """The base of the sources of image files: their common settings, and how files become a catalogue."""
 
     #: The directory that holds them all.
     root: Path

@@ -1,4 +1,4 @@
-"""What a whole download of the TacVerse release holds, and what of it is not there.
+"""The content of a whole download of the TacVerse release, and the files of it that are not there.
 
 The figures are those of the authors' page and code (docs/references.bib, `tacverse`), and of the data set's own page at
 revision 0bc27afe0d8f. Hashes of single files were not published, so a damaged image is found by decoding it alone.
@@ -18,7 +18,7 @@ from tacevo.text import counted
 #: Images of each task, and the directories of its sensors.
 Held = Mapping[RecordedTask, tuple[int, tuple[str, ...]]]
 
-#: Those of the release; the misspelt directory is the authors'.
+#: The content of the release; the misspelt directory is the authors'.
 HELD: Held = {
     RecordedTask.force: (
         36_197,
@@ -34,7 +34,7 @@ HELD: Held = {
 #: Archives that are downloaded, and their bytes together.
 ARCHIVES, BYTES = 4, 29_404_983_381
 
-#: Of gratings: the sizes of each pattern, in mm. Of shapes: how many there are.
+#: The sizes of each pattern of gratings, in mm, and the number of shapes.
 SIZES, SHAPES = tuple(round(0.3 + 0.05 * step, 2) for step in range(30)), 9
 
 

@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", flags=re.ASCII)
 class Row:
     """One row of a table, as it is written there."""
 
-    #: As an editor counts, the header being line 1.
+    #: The number of the line as an editor counts, the header being line 1.
     line: int
     name: str
     #: The image, links followed; `is_there` says whether it exists.
@@ -44,7 +44,7 @@ class Row:
 
     @property
     def place(self) -> str:
-        """What a message calls this row."""
+        """The name of this row in messages."""
         return f"line {self.line} {shortened(self.name)}"
 
     @property
@@ -56,9 +56,9 @@ class Row:
 class ReadTable(NamedTuple):
     """A table that was read and checked."""
 
-    #: In its order; of each the image exists and every label is finite.
+    #: The rows in the table's order; the image of each exists and every label is finite.
     rows: list[Row]
-    #: How many rows were left out, because their image is missing.
+    #: The number of rows that were left out, because their image is missing.
     skipped: int
     #: The lines that have separators and no value, as spreadsheets write them at the end.
     blank: list[int]
@@ -95,7 +95,7 @@ class TableSource(FileSource):
     skip_missing: bool = False
     #: The column whose value images of one press share; it goes before `group_pattern`.
     group_column: str | None = None
-    #: Which sensors and parts are taken, where columns name them.
+    #: The sensors and parts that are taken, where columns name them.
     sensors: Sensors = NONE_NAMED
 
     def describe(self) -> Json:
@@ -152,7 +152,7 @@ class TableSource(FileSource):
 
     @property
     def _naming(self) -> dict[str, str]:
-        """What names the group, the sensor and the part of an image: columns by the setting that names them."""
+        """The columns that name the group, the sensor and the part of an image, by their settings."""
         settings = {
             "group_column": self.group_column,
             "sensor_column": self.sensors.sensor_column,
@@ -285,26 +285,26 @@ def _rows(
 def _row(line: int, texts: Sequence[str], directories: Sequence[Path], targets: int, *, has_commas: bool) -> Row:
     """Find the image of a row; one within the directories goes before one that its name leads to elsewhere."""
     name, labels = texts[0].strip(), texts[1 : targets + 1]
-    places = [directory / name for directory in directories]
-    there = [place for place in places if os.path.isfile(place)]
-    inside = [place for place in there if _stays(place, name, directories)]
-    place = next(iter(inside or there), None)
+    paths = [directory / name for directory in directories]
+    there = [path for path in paths if os.path.isfile(path)]
+    inside = [path for path in there if _stays(path, name, directories)]
+    path = next(iter(inside or there), None)
     return Row(
         line=line,
         name=name,
-        path=places[0] if place is None else place.resolve(),
-        directory=(place or places[0]).parent,
-        is_there=place is not None,
+        path=paths[0] if path is None else path.resolve(),
+        directory=(path or paths[0]).parent,
+        is_there=path is not None,
         is_outside=bool(there) and not inside,
         texts=tuple(_pointed(text) if has_commas else text for text in labels),
         named=tuple(text.strip() for text in texts[targets + 1 :]),
     )
 
 
-def _stays(place: Path, name: str, directories: Sequence[Path]) -> bool:
+def _stays(path: Path, name: str, directories: Sequence[Path]) -> bool:
     """Answer whether a name stays within the directories; links count only where the name itself turns back."""
-    path, parts = PurePath(name), place.absolute().parts
-    if not path.is_absolute() and ".." not in path.parts:
+    written, parts = PurePath(name), path.absolute().parts
+    if not written.is_absolute() and ".." not in written.parts:
         return True
     behind = next((number for number in range(len(parts), 0, -1) if parts[number - 1] == ".."), 0)
     reached = Path(os.path.realpath(Path(*parts[:behind])) if behind else "/", *parts[behind:])

@@ -60,7 +60,7 @@ class _Image(NamedTuple):
     sensor: str
     #: Gratings: the directory of the specimens.
     pattern: str
-    #: What of a directory is split by itself: a size in mm or a shape; nothing of values.
+    #: The class within a directory that is split by itself: a size in mm or a shape; empty for values.
     kind: float | str
     #: Gratings: the number of the press. Else the image's place in the order of its number.
     press: int
@@ -74,12 +74,12 @@ class _Image(NamedTuple):
 
 
 class _Listing(NamedTuple):
-    """What directories hold."""
+    """The images that directories hold, as they were found."""
 
     images: list[_Image]
     #: Files that are not used.
     ignored: list[Path]
-    #: How many rows of tables were left out, and the lines of tables that hold no value.
+    #: The number of rows of tables that were left out, and the lines of tables that hold no value.
     skipped: int = 0
     blank: tuple[int, ...] = ()
 
@@ -129,8 +129,8 @@ class TacVerse(FileSource):
     classes: GratingClasses = GratingClasses.size
     #: The sensor that is tested, which then does not train; with the release's split only.
     test_sensor: str | None = None
-    #: How much of the tested sensor's training part trains, too: presses of each grating, images of each shape, or
-    #: images with forces, drawn by `seed`.
+    #: The amount of the tested sensor's training part that trains, too: presses of each grating, images of each shape,
+    #: or images with forces, drawn by `seed`.
     shots: int = 0
     seed: int = 0
 
@@ -378,8 +378,8 @@ def _shapes(directory: Path, sensor: str) -> _Listing:
         unnumbered += [f"{name}/{path.name}" for path, digits in numbers.items() if not digits]
         ordered = sorted((int(digits[-1]), path) for path, digits in numbers.items() if digits)
         for number, (_, path) in enumerate(ordered):  # numbers may repeat: each image is one of its own
-            place = f"{name}/{path.name}"
-            images.append(_Image(sensor, "", name, number, 0, path, place, (), f"{sensor}/{place}"))
+            relative = f"{name}/{path.name}"
+            images.append(_Image(sensor, "", name, number, 0, path, relative, (), f"{sensor}/{relative}"))
     expected = "the directory that has one directory of images per shape"
     if not images:
         raise DataError(str(directory), place="data.sensor", expected=expected, remedy=content(directory))

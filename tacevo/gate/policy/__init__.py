@@ -1,1 +1,1 @@
-"""What the text of a candidate may say."""
+"""The policy: what the text of a candidate may say."""

@@ -1,4 +1,4 @@
-"""What a candidate's text may name: an allow-list of modules and of the names in each.
+"""The names that a candidate's text may use: an allow-list of modules and of the names in each.
 
 It allows most of mathematics and all layers, but not files, processes, code generation, threads, seeds and global
 switches. A new layer of `torch.nn` needs no entry, because layers are allowed by the form of their names.
@@ -71,7 +71,7 @@ _SPECIAL = (
 )
 
 
-#: Not `ForwardRef`: it runs the text that it is given.
+#: The names of `typing` that are allowed. `ForwardRef` is not: it runs the text that it is given.
 _TYPING = """
     Annotated Any Callable ClassVar Collection Concatenate Container Counter DefaultDict Deque Dict Final FrozenSet
     Generator Generic Hashable Iterable Iterator List Literal Mapping MutableMapping MutableSequence NamedTuple Never
@@ -115,7 +115,7 @@ _MODULES: Mapping[str, re.Pattern[str]] = {
     }.items()
 }
 
-#: What may be imported, as a message lists it.
+#: The modules that may be imported, as a message lists them.
 IMPORTABLE = ", ".join(sorted({name.split(".")[0] for name in _MODULES} - {"__future__"}))
 #: Built-in functions whose results follow memory addresses; a text may use the names for its own variables.
 UNSTABLE = frozenset({"set", "frozenset", "id"})

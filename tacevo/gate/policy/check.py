@@ -101,7 +101,7 @@ def _problems_of_text(source: str) -> Iterator[Problem]:
 
 @dataclass(frozen=True, slots=True)
 class _Scope:
-    """What the names of a text mean. One scope for all of it, since honest networks do not reuse a module's name."""
+    """The names of a text and their meaning. One scope is enough: honest networks do not reuse a module's name."""
 
     #: Names bound to modules, with the modules' dotted paths.
     modules: Mapping[str, str]

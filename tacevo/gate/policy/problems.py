@@ -1,4 +1,4 @@
-"""What is wrong with the text of a candidate, and the parser that finds the first of it."""
+"""The problems of a candidate's text, and the parser that finds the first ones."""
 
 import ast
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from tacevo.text import parse_python
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Why a text cannot be used; its stage turns this into a rejection."""
+    """The problem for which a text cannot be used; its stage turns this into a rejection."""
 
     reason: Reason
     #: One line for a person.

@@ -1,4 +1,4 @@
-"""What a text does to weights, or to a module's mode, after construction; constructors may do all of it.
+"""The changes that a text makes to weights, or to a module's mode, after construction; constructors may do all of it.
 
 After construction runs what `forward` reaches by name: the methods and functions that it names, and all that these
 name. A function that only a constructor names initialises. Text can hide a name; the probe sees what a pass changes.
@@ -80,7 +80,7 @@ def _others(statement: ast.stmt, names: _Names) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Names:
-    """What names mean in one function."""
+    """The meaning of names in one function."""
 
     imported: Collection[str]
     #: Attributes that the text makes parameters.

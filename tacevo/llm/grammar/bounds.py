@@ -1,4 +1,4 @@
-"""How large a network of the grammar may become, and what brings it back."""
+"""The bounds of a network of the grammar, and the changes that bring it back into them."""
 
 from collections.abc import Iterable
 from dataclasses import replace

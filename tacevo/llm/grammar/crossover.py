@@ -1,4 +1,4 @@
-"""From two networks of the grammar to a child of both."""
+"""The crossover of two networks of the grammar: a child of both."""
 
 from collections.abc import Callable
 from dataclasses import replace

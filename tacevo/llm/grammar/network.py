@@ -1,4 +1,4 @@
-"""What the grammar can say: a convolutional network as frozen records.
+"""The networks of the grammar: convolutional ones, as frozen records.
 
 The value of an enum member that stands for a layer is that layer as PyTorch code writes it, so that writing and
 reading share one table.
@@ -19,7 +19,7 @@ class Activation(StrEnum):
 
 
 class Norm(StrEnum):
-    """How a convolutional block normalises its channels, as the name of the layer."""
+    """The normalisation of a convolutional block's channels, as the name of the layer."""
 
     none = ""
     batch = "nn.BatchNorm2d"
@@ -27,7 +27,7 @@ class Norm(StrEnum):
 
 
 class Down(StrEnum):
-    """How a block halves height and width: a pooling layer as code, or a convolution of stride 2."""
+    """The layer by which a block halves height and width: a pooling layer as code, or a convolution of stride 2."""
 
     none = ""
     max = "nn.MaxPool2d(2)"
@@ -44,7 +44,7 @@ class Attention(StrEnum):
 
 
 class Pooling(StrEnum):
-    """What brings the feature map to a fixed grid before the head."""
+    """The layer that brings the feature map to a fixed grid before the head."""
 
     average = "average"
     max = "max"
@@ -52,7 +52,7 @@ class Pooling(StrEnum):
 
 
 class Output(StrEnum):
-    """What bounds the outputs, as the last layer of the head."""
+    """The last layer of the head, which bounds the outputs."""
 
     free = ""
     sigmoid = "nn.Sigmoid()"
@@ -96,9 +96,9 @@ class Hidden:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Head:
-    """What turns the pooled features into the outputs."""
+    """The head, which turns the pooled features into the outputs."""
 
-    #: From the features to the outputs.
+    #: The hidden layers, from the features to the outputs.
     hidden: tuple[Hidden, ...]
     #: Probability of dropping a pooled feature, ahead of the first linear layer; 0 means no such layer.
     input_dropout: float = 0.0
@@ -109,7 +109,7 @@ class Head:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signature:
-    """What a child always takes over from its parent: names and defaults."""
+    """The names and defaults that a child always takes over from its parent."""
 
     class_name: str
     in_channels: int

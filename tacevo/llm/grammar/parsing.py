@@ -1,4 +1,4 @@
-"""From PyTorch code to a network of the grammar.
+"""The parser from PyTorch code to a network of the grammar.
 
 The reader looks for the parts of a network where the grammar writes them; then it writes what it has read, and compares
 the two texts. Equal texts prove that nothing was overlooked or misread.

@@ -30,7 +30,7 @@ from tacevo.records import Completion, Request, to_json
 from tacevo.space import Space
 from tacevo.storage.canonical import content_hash
 
-#: What every completion names as its model; it changes whenever equal requests may get other answers.
+#: The model that every completion names; the name changes whenever equal requests may get other answers.
 MODEL = "grammar-2"
 
 _PARENT = re.compile(r"```python\n(.*?)\n?```", re.DOTALL)
@@ -61,7 +61,7 @@ class GrammarLLM:
 
     #: Probability in [0, 1] that an answer carries one of the faults of `slips.Slip`.
     slip_rate: float
-    #: Where every network of an answer lies; None for the whole grammar.
+    #: The space in which every network of an answer lies; None for the whole grammar.
     space: Space | None = None
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:

@@ -1,4 +1,4 @@
-"""From a network of the grammar to PyTorch code as a person would write it."""
+"""The renderer from a network of the grammar to PyTorch code as a person would write it."""
 
 from math import gcd
 

@@ -11,7 +11,7 @@ from tacevo.llm.grammar.variations import pick
 
 
 class Slip(StrEnum):
-    """What can go wrong with an answer."""
+    """The slip of an answer: what goes wrong with it."""
 
     # in form only: a good extraction still finds the class
     prose = "prose"

@@ -47,7 +47,7 @@ def draw_edits(temperature: float, rng: np.random.Generator) -> int:
 def warm(network: Network, temperature: float, rng: np.random.Generator) -> Network:
     """Add the small random edits of a temperature.
 
-    They are the first of an order that T does not change: a warmer network has those of a colder one, and then more.
+    T changes the number of edits and not their order: a warmer network has the edits of a colder one, and then more.
     """
     for _ in range(draw_edits(temperature, rng)):
         network = vary(network, SMALL_EDITS, rng)
@@ -166,7 +166,7 @@ _lighten_head = _one_of((0.25, 0.5), moves.scale_hidden)
 _coarsen_grid = _one_of((2, 3), lambda network, grid: replace(network, grid=min(network.grid, grid)))
 _add_hidden = _one_of((64, 128, 256), moves.add_hidden)
 
-#: What temperature adds: one part of the network, changed a little.
+#: The variations that temperature adds: one part of the network, changed a little.
 SMALL_EDITS: tuple[Variation, ...] = (
     _resize_block,
     _change_kernel,
@@ -190,7 +190,7 @@ SMALL_EDITS: tuple[Variation, ...] = (
     _drop_hidden,
 )
 
-#: What makes a network smaller or faster.
+#: The variations that make a network smaller or faster.
 CHEAPER: tuple[Variation, ...] = (
     _narrow_trunk,
     _lighten_head,
@@ -201,7 +201,7 @@ CHEAPER: tuple[Variation, ...] = (
     _drop_hidden,
 )
 
-#: What practice expects to lower the error.
+#: The variations that practice expects to lower the error.
 STRONGER: tuple[Variation, ...] = (
     _widen_trunk,
     _change_norm,

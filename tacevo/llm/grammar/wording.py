@@ -1,4 +1,4 @@
-"""What an instruction's words mention: blocks, numbers, factors, names of layers."""
+"""The things that an instruction's words mention: blocks, numbers, factors, names of layers."""
 
 import re
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-import tacevo.parts.deciding
+import tacevo.parts.protocols
 from tacevo.parts.kinds import COMMANDS, EXECUTORS, KINDS, OUTPUTS, PROVIDERS, SOURCES, TRACKERS, Kind
 from tacevo.parts.output import Output
 from tacevo.parts.testing.contract import Contract, check_frozen
@@ -27,7 +27,7 @@ from tacevo.parts.testing.source import source_contracts
 
 __all__ = ["Contract", "check", "contracts", "kind_of"]
 
-#: What a part without a base class is known by.
+#: The methods by which a part without a base class is known.
 _METHODS: Mapping[Kind, tuple[str, ...]] = {
     SOURCES: ("describe", "catalogue"),
     PROVIDERS: ("complete",),
@@ -48,7 +48,7 @@ def kind_of(part: object) -> Kind | None:
     """Return the kind of a part or of its class: by the class that it extends, or by its methods; None of no part."""
     made = part if isinstance(part, type) else type(part)
     for kind in KINDS.values():
-        if kind.base and issubclass(made, getattr(tacevo.parts.deciding, kind.base)):
+        if kind.base and issubclass(made, getattr(tacevo.parts.protocols, kind.base)):
             return kind
     if issubclass(made, Output):
         return OUTPUTS

@@ -16,7 +16,7 @@ class BrokenError(AssertionError):
 class Contract:
     """A promise of a part."""
 
-    #: What it promises, e.g. `gives the same answer to the same question`.
+    #: The promise in words, e.g. `gives the same answer to the same question`.
     promise: str
     test: Callable[[], None]
 

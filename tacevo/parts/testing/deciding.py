@@ -1,4 +1,4 @@
-"""What parts promise that decide the results of a run."""
+"""The promises of parts that decide the results of a run."""
 
 import copy
 import dataclasses
@@ -16,7 +16,7 @@ from tacevo.parts.sources import read_sources
 from tacevo.parts.testing.contract import BrokenError, Contract, check_frozen, require
 from tacevo.parts.testing.samples import ask
 from tacevo.records import Json
-from tacevo.runs.deciding import brought_part
+from tacevo.runs.decisions import brought_part
 from tacevo.sandbox.part import METHODS
 from tacevo.sandbox.part_process import PartProcess, Recorded
 
@@ -42,7 +42,7 @@ def deciding_contracts(part: Any, kind: Kind) -> list[Contract]:
 
 
 class _Here:
-    """Lets a part decide in this process, and remembers what it was asked (`tacevo.runs.deciding.Asked`)."""
+    """Lets a part decide in this process, and remembers what it was asked (`tacevo.runs.decisions.Asked`)."""
 
     def __init__(self, part: Any) -> None:
         self._part = part
@@ -81,7 +81,7 @@ class _Tested:
         self._here: _Here | None = None
 
     def settings(self) -> None:
-        """Its fields are what a configuration can hold."""
+        """The part's fields are what a configuration can hold."""
         check_frozen(self._part)
         for field in dataclasses.fields(self._part):
             value = getattr(self._part, field.name)
@@ -93,27 +93,27 @@ class _Tested:
         self._answers()
 
     def keeps_nothing(self) -> None:
-        """In the other order the answers are the same."""
+        """The answers are the same in the other order."""
         here = self._answers()
         for method, given, answer in reversed(here.asked):
             again = here.again(method, given)
             require(again == answer, f"{json.dumps(answer)} of {method}, as the first time", json.dumps(again))
 
     def changes_nothing(self) -> None:
-        """What it was given is as it was."""
+        """The arguments that the part was given are as they were."""
         here = self._answers()
         require(not here.changed, "arguments that stay as they are", f"changes by {', '.join(sorted(here.changed))}")
 
     def imports(self) -> None:
-        """Its sources can be recorded."""
+        """The part's sources can be recorded."""
         read_sources(self._place())
 
     def confined(self) -> None:
         """The answers of fresh, confined processes are those of this one; sums may differ in their last bits."""
         here = self._answers()
-        place = self._place()
+        part = self._place()
         recorded = dataclasses.replace(
-            self._recorded(), module=place.module, sources=read_sources(place), settings=dataclasses.asdict(self._part)
+            self._recorded(), module=part.module, sources=read_sources(part), settings=dataclasses.asdict(self._part)
         )
         with PartProcess() as process:
             process.ask(recorded, "describe", {"constants": list(self._kind.constants)})

@@ -1,4 +1,4 @@
-"""What an executor promises: wherever candidates run, their answers are those of this machine."""
+"""The promises of an executor: wherever candidates run, their answers are those of this machine."""
 
 import hashlib
 from concurrent.futures import ThreadPoolExecutor
@@ -45,7 +45,7 @@ def executor_contracts(executor: Any) -> list[Contract]:
             _job(run, 0)
 
     def notices() -> None:
-        """What confined a candidate is told before its answer is used."""
+        """The executor tells what confined a candidate before its answer is used."""
         noticed: list[object] = []
         with executor.open(_order(), None, notice=noticed.append) as run:
             _job(run, 0)

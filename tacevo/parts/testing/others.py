@@ -1,4 +1,4 @@
-"""What providers, trackers, outputs and commands promise."""
+"""The promises of providers, trackers, outputs and commands."""
 
 import argparse
 import inspect
@@ -89,7 +89,7 @@ def tracker_contracts(tracker: Any) -> list[Contract]:
                 require(one_line, "`finish` to return None, or one line of text", said)
 
     def views() -> None:
-        """It says where to look in one line."""
+        """The tracker says where to look in one line."""
         said = tracker.viewing()
         require(isinstance(said, str) and "\n" not in said, "`viewing` to return one line, which may be empty", said)
 
@@ -104,11 +104,11 @@ def output_contracts(output: Any, run: str | os.PathLike[str] | None) -> list[Co
     own = [name for name in vars(Output) if not name.startswith("_") and name in vars(type(output))]
 
     def made() -> None:
-        """It has no settings."""
+        """The output has no settings."""
         type(output)()
 
     def adds() -> None:
-        """It overrides something, with the parameters that it is called with."""
+        """The output overrides something, with the parameters that it is called with."""
         known = [name for name in vars(Output) if not name.startswith("_")]
         require(bool(own), f"a method of its own among {', '.join(known)}", "none")
         for name in own:
@@ -135,7 +135,7 @@ def command_contracts(command: Callable[[argparse.ArgumentParser], object]) -> l
     """List what the function of a command promises."""
 
     def describes() -> None:
-        """It adds its arguments, and names the function that runs."""
+        """The command adds its arguments, and names the function that runs."""
         parser = argparse.ArgumentParser(prog="tacevo name")
         command(parser)
         parser.format_help()

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from tacevo.parts.deciding import Generation, Population, PromptHistory, Trial
 from tacevo.parts.kinds import ARCHIVES, DESCRIPTORS, FITNESS, PARENTS, PROMPTS, TEMPERATURES, Kind
+from tacevo.parts.protocols import Generation, Population, PromptHistory, Trial
 from tacevo.profile import Graph, Node, Profile, Step
 from tacevo.randomness import stream
 from tacevo.sandbox.part import SeenCandidate
@@ -13,7 +13,7 @@ _LAYERS = ("nn.Conv2d(3, {width}, 3)", "nn.BatchNorm2d({width})", "nn.GELU()", "
 
 
 def ask(kind: Kind, part: Any) -> None:
-    """Ask a part all questions of its kind; `part` is as `tacevo.runs.deciding.brought_part` returns it."""
+    """Ask a part all questions of its kind; `part` is as `tacevo.runs.decisions.brought_part` returns it."""
     _ASKING[kind](part)
 
 

@@ -1,4 +1,4 @@
-"""What a source of images promises."""
+"""The promises of a source of images."""
 
 import dataclasses
 import shutil
@@ -15,7 +15,7 @@ from tacevo.parts.source import Catalogue
 from tacevo.parts.testing.contract import Contract, require
 from tacevo.storage.canonical import canonical
 
-#: How many pictures of a source are made, at most.
+#: The number of pictures of a source that are made, at most.
 _PICTURES = 32
 
 #: The largest recording that is copied elsewhere, in bytes.

@@ -20,7 +20,7 @@ from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError
 from tacevo.evolution.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
-from tacevo.runs.deciding import Decisions, Parts
+from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.estimate import describe_cost, describe_estimates, describe_time, estimate
 from tacevo.runs.local import trainings_at_once
 from tacevo.runs.pace import GROWTH, Pace, growth, measure, part_saved, training_images, trainings

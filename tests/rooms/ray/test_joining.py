@@ -18,10 +18,10 @@ from refusals import refused
 from tacevo.choices import Confinement, Device, Numerics
 from tacevo.cluster import node_images as files
 from tacevo.cluster.connection import check_head, import_ray, is_guarded, kept_environment
-from tacevo.cluster.facts import Facts, check_alike, facts_here
 from tacevo.cluster.node import ClusterNode
 from tacevo.cluster.node_images import Images
 from tacevo.cluster.node_members import join, works
+from tacevo.cluster.node_report import Facts, check_alike, facts_here
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.parts.executor import Order
@@ -96,7 +96,7 @@ def test_node_whose_cpu_cannot_compute_so_is_refused(
     """The error names the node, the numerics and the instructions that are missing."""
     ours = facts_here(ORDER)
     monkeypatch.setattr(
-        "tacevo.cluster.facts.check_machine", lambda kind, *_: check_cpu(kind, "x86_64", "flags\t\t: fpu avx\n")
+        "tacevo.cluster.node_report.check_machine", lambda kind, *_: check_cpu(kind, "x86_64", "flags\t\t: fpu avx\n")
     )
     facts = facts_here(replace(ORDER, numerics=numerics))
     with refused(SandboxError, place=f"{NODE}, numerics={numerics}", got=lacks, expected="an x86_64 CPU"):

@@ -22,7 +22,7 @@ ROOMS: Mapping[str, str] = {
     "tacverse": "tacevo.data.sources.tacverse tacevo.data.sources.release",
     "table": (
         "tacevo.results.space_table tacevo.results.table_checks tacevo.results.table_records "
-        "tacevo.studies.tabulate tacevo.cli.tabulate tacevo.runs.looked_up "
+        "tacevo.studies.tabulate tacevo.cli.tabulate tacevo.runs.table_answers "
         "tacevo.reproduce.space_table tacevo.api.space_tables analysis.statistics.spaces"
     ),
     "slurm": "tacevo.sweeps.slurm submitit",

@@ -1,4 +1,4 @@
-"""What a part that decides results looks like: a class for each kind, to be extended, and what its methods get.
+"""The protocols of parts that decide results: a class for each kind, to be extended, and what its methods get.
 
 A part is a frozen dataclass; its fields are its settings, each an int, a float, a bool or a text. Each decision is made
 by a fresh process that has imported nothing but the part and the modules of `ALLOWED`: nothing is kept between calls,
@@ -13,7 +13,7 @@ import numpy as np
 
 from tacevo.profile import Profile
 
-#: What a part that decides may import beside its own modules. Their results follow from their arguments alone.
+#: The modules that a part that decides may import beside its own. Their results follow from their arguments alone.
 ALLOWED = frozenset(
     {"__future__", "abc", "ast", "bisect", "collections", "copy", "dataclasses", "difflib", "enum", "fractions"}
     | {"functools", "hashlib", "heapq", "itertools", "json", "keyword", "math", "numpy", "operator", "re", "statistics"}
@@ -40,15 +40,15 @@ class Candidate(Protocol):
 
     @property
     def fitness(self) -> float:
-        """What it competes by; lower is better."""
+        """The fitness by which the candidate competes; lower is better."""
 
     @property
     def losses(self) -> tuple[float, ...]:
-        """Its validation losses, one an epoch: cross-entropy in nats, or mean squared error of scaled values."""
+        """The validation losses, one an epoch: cross-entropy in nats, or mean squared error of scaled values."""
 
     @property
     def parameters(self) -> int:
-        """How many it learns."""
+        """The number of values that the candidate learns."""
 
     @property
     def flops(self) -> int:
@@ -65,13 +65,13 @@ class Candidate(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Population:
-    """What the parents of a generation are chosen from."""
+    """The candidates from which the parents of a generation are chosen."""
 
     #: The generation that is planned, from 1.
     generation: int
     #: All candidates that trained, by id, in the order of their slots; at least one, the baseline.
     candidates: Mapping[str, Candidate]
-    #: Those of them that the network archive holds, in the order of their niches.
+    #: The candidates that the network archive holds, in the order of their niches.
     elites: Sequence[Candidate]
 
 
@@ -90,11 +90,11 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PromptHistory:
-    """What a search knows of its instructions."""
+    """The knowledge of a search about its instructions."""
 
     #: The trials that the prompt archive holds, in the order of their niches.
     trials: Sequence[Trial]
-    #: By instruction, how many children it had, and the sum of log(loss of the child / loss of its parent); one that
+    #: The number of children of each instruction, and the sum of log(loss of the child / loss of its parent); one that
     #: does not train counts as 1.
     changes: Mapping[int, tuple[int, float]]
 
@@ -103,14 +103,14 @@ class PromptHistory:
 class Generation:
     """A generation that has ended, as a rule of the temperature sees it."""
 
-    #: From 1.
+    #: The number of the generation, from 1.
     number: int
     #: T_g, in [0, 1].
     temperature: float
     #: f*_g and f*_(g-1): the archive's best fitness after this generation and before it; lower is better.
     best: float
     best_before: float
-    #: How many candidates it asked for, how many of these trained, and how many the archive took.
+    #: The number of candidates that it asked for, of those that trained, and of those that the archive took.
     candidates: int
     trained: int
     inserted: int

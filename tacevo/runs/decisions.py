@@ -11,7 +11,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
-from tacevo.config.deciding import brought, code_hash, decision
+from tacevo.config.recorded_parts import brought, code_hash, decision
 from tacevo.config.schema import RunConfig
 from tacevo.errors import DivergenceError, PartError, RunError
 from tacevo.parts import (
@@ -42,7 +42,7 @@ C = TypeVar("C", bound=Candidate)
 
 
 class Decisions:
-    """What the parts of a user decide: recalled from a store, or made now and kept there.
+    """The decisions of a user's parts: recalled from a store, or made now and kept there.
 
     Args:
         store: of the kind `decisions`; None to keep none, as for an estimate.
@@ -52,7 +52,7 @@ class Decisions:
     def __init__(self, store: Store | None, *, trusts: bool = False) -> None:
         self._store, self.trusts = store, trusts
         self._process = PartProcess()
-        #: How many decisions each part made, by the setting that chose it.
+        #: The number of decisions of each part, by the setting that chose it.
         self.counts: dict[str, int] = {}
 
     def __enter__(self) -> Self:
@@ -183,7 +183,7 @@ def sources_of(config: RunConfig, run: Path | None) -> dict[str, dict[str, str]]
 
 
 class Asked(Protocol):
-    """What a part's decisions come from, as `Decisions`."""
+    """The protocol of what gives a part's decisions, as `Decisions` does."""
 
     def ask(self, part: Recorded, method: str, given: Json) -> Json:
         """Return the decision of a part."""
@@ -286,7 +286,7 @@ class _Archive(_Brought, Archive):
         return [[float(value) for value in point] for point in points]
 
 
-#: By kind.
+#: The classes of brought parts, by kind.
 _BROUGHT: Mapping[Kind, type[_Brought]] = {
     PARENTS: _Parents,
     PROMPTS: _Prompts,

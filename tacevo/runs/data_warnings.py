@@ -1,4 +1,4 @@
-"""What is probably wrong with a data set, or with a task for it; a doubt is said, and does not stop a search."""
+"""The warnings about a data set, or about a task for it: each is shown, and stops no search."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,31 +18,31 @@ from tacevo.runs.datasets import source_of
 _HEADING = "## The task\n"
 
 
-def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalogue | None = None) -> list[str]:
+def warnings_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalogue | None = None) -> list[str]:
     """Say what is probably wrong, a sentence each; the catalogue is listed where the caller does not have it.
 
     Raises:
         DataError: the recording cannot be read any more.
         ConfigError: nor can the files of the task.
     """
-    doubts = left_of_others(config.task)
+    warnings = left_of_others(config.task)
     names = dataset.facts.names
     if not config.data.facts.is_release and not _suit(config.task, names):
         outputs = listed(config.task.output_names) or "gratings"
-        doubts.append(
+        warnings.append(
             f"task={config.task.name} is for {outputs}, and the data set has {listed(names)}; the prompt tells the "
             f'model: "{told(task)}" (`tacevo init NAME --like {config.task.name}` begins a task of your own)'
         )
     if config.data.facts.is_looked_up:
-        from tacevo.runs.looked_up import table_of
+        from tacevo.runs.table_answers import table_of
 
         table = table_of(config)
-        doubts += [f"{table.path} is made up: no network was trained for it"] if table.header.made_up else []
+        warnings += [f"{table.path} is made up: no network was trained for it"] if table.header.made_up else []
     elif not config.data.facts.is_made:
         listed_now = source_of(config).catalogue() if catalogue is None else catalogue
-        doubts += doubtful_files(listed_now, Path(config.data.root or ""))
-        doubts += doubtful_images(listed_now, dataset)
-    return doubts
+        warnings += doubtful_files(listed_now, Path(config.data.root or ""))
+        warnings += doubtful_images(listed_now, dataset)
+    return warnings
 
 
 def told(task: Task) -> str:

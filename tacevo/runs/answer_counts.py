@@ -1,4 +1,4 @@
-"""Which answers of a generation could be used; what is said where none could, and when that stops a search."""
+"""The count of a generation's usable answers; what is said where there is none, and when that stops a search."""
 
 from collections import Counter
 
@@ -20,7 +20,7 @@ class UsableAnswers:
 
     def __init__(self, most: int | None) -> None:
         self._most = most
-        #: What was said of each of the last generations in a row without a usable answer.
+        #: The message about each of the last generations in a row without a usable answer.
         self._row: list[str] = []
         self._begin()
 

@@ -21,10 +21,10 @@ from tacevo.evolution.run_files import read_ledger
 from tacevo.llm.recording import RecordingLLM, unkept
 from tacevo.parts.provider import Keep
 from tacevo.records import Completion, Operator, Reason, Rejection, Request, Stage
+from tacevo.runs.answer_counts import UsableAnswers
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record
-from tacevo.runs.usable import UsableAnswers
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
 

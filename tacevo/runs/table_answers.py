@@ -84,12 +84,12 @@ class LookedUp:
 
     @property
     def run(self) -> RunJob:
-        """What answers probes with recorded profiles or refusals; errors of this and all others are of `table_of`."""
+        """The function that answers probes from the table; it and all others raise the errors of `table_of`."""
         return probes_of(table_of(self.config))
 
     @property
     def evaluator(self) -> Callable[..., Evaluator]:
-        """What makes the evaluator of a search."""
+        """The function that makes the evaluator of a search."""
         table, seed = table_of(self.config), self.config.seed
         others = len(table.header.seeds) - 1
         numbered = [training_seed(seed, 0), *(noise_seed(seed, number) for number in range(others))]

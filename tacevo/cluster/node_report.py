@@ -1,4 +1,4 @@
-"""What a node must have in common with the search, and what differs."""
+"""The facts that a node must have in common with the search, and those that differ."""
 
 import functools
 import hashlib
@@ -29,11 +29,11 @@ _HARMLESS = frozenset({TOKEN, "GPG_KEY"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """What decides the results of a node, by name, and how it would confine a candidate."""
+    """The facts that decide the results of a node, by name, and the way in which it would confine a candidate."""
 
     decisive: Mapping[str, str]
     level: Confinement
-    #: Why it cannot do what is ordered; None where it can.
+    #: The error that says why the node cannot do what is ordered; None where it can.
     fault: TacevoError | None = None
 
 
