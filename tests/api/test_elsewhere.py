@@ -33,7 +33,7 @@ def sibling(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return own
 
 
-@pytest.mark.room("figures")
+@pytest.mark.room("figures", "Pareto")
 def test_answers_are_equal_from_every_directory(sibling: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Re-estimates, tables and figures, which the stores hold, are those of the run's own directory."""
     there = open_run(sibling / "run")

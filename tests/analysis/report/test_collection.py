@@ -49,6 +49,7 @@ def names(collection: Collection) -> list[str]:
     return [picture.name for picture in pictures_of(collection)] + [table.name for table in tables_of(collection, None)]
 
 
+@pytest.mark.room("Pareto")
 def test_run_has_every_picture() -> None:
     """Those of the search first, those of the study last."""
     pictures = pictures_of(collection(Kind.classification, searched=searched()))

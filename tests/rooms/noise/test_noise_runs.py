@@ -227,6 +227,7 @@ def chosen(folder: Path) -> Sequence[str]:
     return [network.id for network in record.networks]
 
 
+@pytest.mark.room("page")
 def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each record beside its re-estimates; `tacevo show` repeats it, and never a re-estimate that is not recorded."""
     assert main(NOISE) == 0
