@@ -104,7 +104,9 @@ def laid_over(settings: Mapping[str, Any], overrides: Sequence[str]) -> DictConf
     """Lay overrides over settings, each of which must be there; raises as `composed`."""
     config = OmegaConf.create(dict(settings))
     OmegaConf.set_struct(config, True)
-    ConfigLoaderImpl._apply_overrides_to_config(OverridesParser.create().parse_overrides(list(overrides)), config)
+    parsed = OverridesParser.create().parse_overrides(list(overrides))
+    ConfigLoaderImpl.validate_sweep_overrides_legal(parsed, run_mode=RunMode.RUN, from_shell=False)
+    ConfigLoaderImpl._apply_overrides_to_config(parsed, config)
     return config
 
 
