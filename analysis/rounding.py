@@ -12,7 +12,7 @@
     percentages           one decimal: 96.0 % [94.2, 97.1]
     nothing               an en dash
 
-HalfInteger go the way of the binary number, as Python's `format` rounds. A number that is not finite is an error.
+Halves go the way of the binary number, as Python's `format` rounds. A number that is not finite is an error.
 """
 
 import re

@@ -27,14 +27,30 @@ _ROOT = Path(__file__).parents[1]
 
 #: By room: the directories of its modules, of its own tests, and of the tests above it that reach it.
 ROOMS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]] = {
-    "search": (("tacevo/evolution",), ("tests/evolution",), ("tests/promises", "tests/runs", "tests/reproduce")),
+    "search": (("tacevo/evolution",), ("tests/evolution", "tests/rooms/surrogate"), ("tests/promises", "tests/runs")),
     "storage": (("tacevo/storage",), ("tests/storage",), ("tests/promises", "tests/bundles", "tests/sweeps")),
     "training": (("tacevo/training",), ("tests/training",), ("tests/promises", "tests/studies", "tests/runs")),
     "gate": (("tacevo/gate",), ("tests/gate",), ("tests/promises", "tests/runs", "tests/api")),
-    "data": (("tacevo/data",), ("tests/data",), ("tests/runs", "tests/promises", "tests/cli")),
-    "statistics": (("analysis/statistics",), ("tests/analysis/statistics",), ("tests/analysis", "tests/studies")),
-    "results": (("tacevo/results",), ("tests/results",), ("tests/bundles", "tests/analysis", "tests/sweeps")),
-    "api": (("tacevo/api",), ("tests/api",), ("tests/cli", "tests/bundles", "tests/reproduce", "tests/studies")),
+    "data": (
+        ("tacevo/data",),
+        ("tests/data", "tests/rooms/simulator", "tests/rooms/tacverse", "tests/rooms/data_check"),
+        ("tests/runs", "tests/promises", "tests/rooms/table", "tests/cli"),
+    ),
+    "statistics": (
+        ("analysis/statistics",),
+        ("tests/analysis/statistics", "tests/rooms/noise", "tests/rooms/pareto", "tests/rooms/plans_pilots"),
+        ("tests/analysis", "tests/studies", "tests/rooms/image_tests"),
+    ),
+    "results": (
+        ("tacevo/results",),
+        ("tests/results", "tests/rooms/noise", "tests/rooms/table"),
+        ("tests/bundles", "tests/analysis", "tests/sweeps"),
+    ),
+    "api": (
+        ("tacevo/api",),
+        ("tests/api", "tests/rooms/plans_pilots", "tests/rooms/page", "tests/rooms/table"),
+        ("tests/cli", "tests/bundles", "tests/reproduce", "tests/studies"),
+    ),
 }
 
 #: What needs hardware that is not here, so that no test can find a fault in it.

@@ -35,8 +35,9 @@ T = TypeVar("T")
 #: What a table or a figure of somebody's may be called: it is the name of files.
 _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
 
-#: The names of our tables, and of the file that lists them.
-_TAKEN = PAPER.keys() | FURTHER.keys() | {INDEX.partition(".")[0]}
+#: The names of our tables, of which some go on behind `_`, and of the file that lists them; in small letters, since
+#: some file systems tell no others apart.
+_OURS = tuple(name.casefold() for name in (*PAPER, *FURTHER, INDEX.partition(".")[0]))
 
 
 def unsaid(sentence: str) -> None:
@@ -114,7 +115,9 @@ class Outputs:
             with left_out(part, f"table {getattr(table, 'name', table)!r}", say):
                 _check_is(isinstance(table, Table), table, "an analysis.table.Table")
                 if not part.is_ours:
-                    _check_name(table.name, {*_TAKEN, *(one.name for one in kept)})
+                    _check_name(table.name, {one.name for one in kept})
+                    is_ours = table.name.casefold().startswith(tuple(f"{name}_" for name in _OURS))
+                    _check_is(not is_ours and table.name.casefold() not in _OURS, table.name, "a name that is not ours")
                     table_texts(table)  # its cells may be what no file can hold
                 kept.append(table)
         return kept
@@ -156,7 +159,7 @@ def _check_is(holds: bool, made: object, expected: str) -> None:
 
 def _check_name(name: str, taken: Set[str]) -> None:
     """Raise a ConfigError where this cannot be the name of files of a table or a figure of somebody's."""
-    if not _NAME.fullmatch(name) or name in taken:
+    if not _NAME.fullmatch(name) or name.casefold() in {one.casefold() for one in taken}:
         expected = "a name of letters, digits, '.', '_' and '-', which no other has"
         raise ConfigError(repr(name), place="name", expected=expected)
 

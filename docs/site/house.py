@@ -120,7 +120,7 @@ def draw() -> Figure:
             axes.text(
                 x, y + _HEIGHT, steps[room], ha="center", va="center", color="white", fontsize=8, zorder=4
             ).set_bbox({"boxstyle": "circle,pad=0.2", "facecolor": "#b4532a", "edgecolor": "none"})
-    _legend(axes, len(floors))
+    _legend(axes)
     axes.set(xlim=(-0.2, _WIDTH + 0.2), ylim=(-1.5, 0.98 * len(floors) + 0.1))
     axes.axis("off")
     return figure
@@ -144,7 +144,7 @@ def _places(
             left += width + _GAP
 
 
-def _legend(axes: mpl.axes.Axes, floors: int) -> None:
+def _legend(axes: mpl.axes.Axes) -> None:
     """Write the way of a candidate below the house."""
     lines = [f"{number}  {room}: {does}" for number, (room, does) in enumerate(WAY, start=1)]
     for column, part in enumerate((lines[:5], lines[5:])):

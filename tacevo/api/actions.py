@@ -56,12 +56,13 @@ def search(*overrides: str, quiet: bool = False) -> Run:
 
 
 @needing_parts()
-def extend(run: Run | str | os.PathLike[str], *overrides: str, quiet: bool = False) -> Run:
+def extend(run: Run | str | os.PathLike[str], *overrides: str, trust_parts: bool = False, quiet: bool = False) -> Run:
     """Search on from the end of a run, in a run directory of its own, once its records were compared.
 
     Args:
         run: a finished run, in a directory or a bundle, or one job of a sweep.
         overrides: as of `tacevo extend`, among them `"search.generations=30"`.
+        trust_parts: whether parts that the run's user brought decide, by their recorded sources, confined.
         quiet: whether to show no progress on standard error.
 
     Raises:
@@ -73,7 +74,7 @@ def extend(run: Run | str | os.PathLike[str], *overrides: str, quiet: bool = Fal
     if isinstance(run, Run) and place.digest is None:
         place = replace(place, entries=run.recorded.stores)
     with progress(quiet) as view:
-        done = extended(place, overrides, view)
+        done = extended(place, overrides, view, trusts=trust_parts)
     return open_run(done.directory)
 
 

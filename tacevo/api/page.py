@@ -13,6 +13,7 @@ from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
 from tacevo.bundles.open import Opened
 from tacevo.errors import ConfigError, DataError, IncomparableError
+from tacevo.parts.registry import needing_parts
 from tacevo.storage.notes import read_note
 
 
@@ -96,10 +97,11 @@ def _checked(place: Opened, name: str) -> list[str]:
 
 def _samples_of(run: Run) -> tuple[str | None, list[str]]:
     """Draw the sample images of a run as a `data:` address; or return the reason why they are missing."""
-    from analysis.figures.style import render  # Matplotlib takes a second to import
-
     try:
-        figure = run.figures["samples"]()
+        with needing_parts():
+            from analysis.figures.style import render  # Matplotlib takes a second to import
+
+            figure = run.figures["samples"]()
     except (ConfigError, DataError) as error:
         return None, [f"no sample images: {error}"]
     return f"data:image/png;base64,{base64.b64encode(render(figure, '.png')).decode('ascii')}", []

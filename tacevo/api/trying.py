@@ -19,6 +19,7 @@ from tacevo.errors import CacheMissError, RunError
 from tacevo.parts.kinds import OUTPUTS
 from tacevo.parts.output import Output
 from tacevo.parts.registry import Part
+from tacevo.parts.registry import ours as our_parts
 from tacevo.runs.profiles import recall_profiles
 
 if TYPE_CHECKING:
@@ -32,7 +33,9 @@ def faults_of(output: Output, path: str | os.PathLike[str]) -> list[str]:
         TacevoError: the run or the sweep cannot be opened.
     """
     kind = type(output)
-    part = Part(kind=OUTPUTS, name=kind.__name__, module=kind.__module__, attribute=kind.__name__, origin="this module")
+    ours = [part for part in our_parts(OUTPUTS) if (part.module, part.attribute) == (kind.__module__, kind.__name__)]
+    own = Part(kind=OUTPUTS, name=kind.__name__, module=kind.__module__, attribute=kind.__name__, origin="this module")
+    part = ours[0] if ours else own
     known, one = Outputs(known=((part, output),), missing={}), open_path(path)
     faults: list[str] = []
 

@@ -14,7 +14,7 @@ from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.config.conf_folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.parts.kinds import COMMAND_GROUPS, COMMANDS
-from tacevo.parts.registry import Part, needing_parts, ours, parts
+from tacevo.parts.registry import Part, needing_parts, ours, parts, raised
 from tacevo.text import unbroken
 
 #: What replaced commands of the last release.
@@ -126,8 +126,9 @@ def _parser(command: str | None, second: str | None) -> Parser:
     )
     parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
     parser.set_defaults(interrupted="the same command does what is left")  # which may be all
+    names = {part.name for part in known}
     for gone in (command, f"{command} {second}"):
-        if gone in _REPLACED:
+        if gone in _REPLACED and gone not in names:
             remedy = f"use `{_REPLACED[gone]}`"
             raise ConfigError(gone, place="tacevo", expected="a command of this release", remedy=remedy)
     commands = parser.add_subparsers(
@@ -139,8 +140,24 @@ def _parser(command: str | None, second: str | None) -> Parser:
         if part.name == command:
             if part.name not in WITHOUT_ANALYSIS:
                 check_analysis()
-            OURS[part.name].describe(described) if part.is_ours else part.load()(described)
+            OURS[part.name].describe(described) if part.is_ours else _describe(part, described)
     return parser
+
+
+def _describe(part: Part, parser: Parser) -> None:
+    """Let a command of somebody's describe itself.
+
+    Raises:
+        ConfigError: it raises, or names no function that runs.
+    """
+    describes = part.load()
+    try:
+        describes(parser)
+    except Exception as error:
+        raise ConfigError(raised(error), place=part.place, expected="a function that describes arguments") from error
+    if not callable(parser.get_default("command")):
+        expected = "a function that runs, by `parser.set_defaults(command=FUNCTION)`"
+        raise ConfigError("none", place=part.place, expected=expected)
 
 
 def _line(part: Part) -> str:

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from tacevo.choices import Primary
 from tacevo.cli.common import FORMATS, Format, check_names, place_of_results, places_of, tell, whole_number
-from tacevo.cli.signature import AT_LEAST_ONE, REPEATED, Command, Takes, UsageError, command
+from tacevo.cli.signature import AT_LEAST_ONE, GONE, REPEATED, Command, Takes, UsageError, command
 from tacevo.parts.kinds import COMMAND_GROUPS
 from tacevo.storage.places import check_place
 
@@ -44,7 +44,7 @@ def _configs(text: str) -> str:
     raise argparse.ArgumentTypeError(f"expected a directory of configs, as `tacevo init` writes one; got {text}")
 
 
-def _part(text: str) -> float:
+def _share(text: str) -> float:
     with contextlib.suppress(ValueError):
         if 0 < (value := float(text)) < 1:
             return value
@@ -77,7 +77,7 @@ Candidate = Annotated[str, Takes("CANDIDATE")]
 
 Count = Annotated[int, Takes("N", whole_number)]
 
-Part = Annotated[float, Takes("PART", _part)]
+Share = Annotated[float, Takes("SHARE", _share)]
 
 
 def _more(name: str) -> Callable[[], str]:
@@ -252,10 +252,10 @@ def tabulate(*overrides: Override, output: File, seeds: Count = 1, config_dir: C
 @command()
 def plan_study(
     *runs: Annotated[Run, AT_LEAST_ONE],
-    effect: Part,
+    effect: Share,
     comparisons: Count | None = None,
-    power: Part = 0.8,
-    alpha: Part = 0.05,
+    power: Share = 0.8,
+    alpha: Share = 0.05,
     output: Dir = "build/plan",
 ) -> int:
     """Plan the training seeds of each network.
@@ -277,10 +277,10 @@ def plan_study(
 @command()
 def plan_sweep(
     *runs: Annotated[SweepPlace, AT_LEAST_ONE],
-    effect: Part,
+    effect: Share,
     comparisons: Count | None = None,
-    power: Part = 0.8,
-    alpha: Part = 0.05,
+    power: Share = 0.8,
+    alpha: Share = 0.05,
     output: Dir = "build/plan",
 ) -> int:
     """Plan the jobs of each arm.
@@ -323,7 +323,7 @@ def replay(
     trust_parts: bool = False,
     draw: Annotated[int, Takes("SEED", whole_number)] | None = None,
     table: File | None = None,
-    diff: Annotated[str, Takes("OTHER", bare="OTHER")] | None = None,
+    diff: Annotated[str, Takes("OTHER", bare="OTHER"), GONE] | None = None,
 ) -> int:
     """Run a recorded search again from its stores and compare.
 
@@ -340,7 +340,7 @@ def replay(
         draw: draw the N as an earlier replay did, which told its seed
         table: with --retrain of searches that looked evaluations up: the table (default: that of their digest, where it
             was, beside RUN, or in cache/tables)
-        diff: gone since 1.0; for one release it says what took its place
+        diff: for one release it says what took its place
     """
     if draw is not None and not retrain:
         raise UsageError("--draw repeats the draw of --retrain N; give both")
@@ -369,7 +369,7 @@ def export(
     output: Dir,
     store: Dir | None = None,
     retrained: bool = False,
-    register: Annotated[str, Takes("NAME", bare="NAME")] | None = None,
+    register: Annotated[str, Takes("NAME", bare="NAME"), GONE] | None = None,
 ) -> int:
     """Take a network away: its weights, ONNX, a model card.
 
@@ -384,7 +384,7 @@ def export(
         output: the directory, which must not exist
         store: the directory of its stores, if they were moved
         retrained: fail where a training is not recorded, or goes otherwise than recorded
-        register: gone since 1.0; for one release it says what took its place
+        register: for one release it says what took its place
     """
     if register is not None:
         named = f"name='model', registered_model_name={register!r}"
@@ -807,4 +807,4 @@ data = Command(
 OURS: Mapping[str, Command] = {name: globals()[name] for group in COMMAND_GROUPS.values() for name in group}
 
 #: Those that do not need our package `analysis`.
-WITHOUT_ANALYSIS = frozenset({"search", "track", "init", "data", "cache", "parts"})
+WITHOUT_ANALYSIS = frozenset({"search", "init", "data", "cache", "parts"})

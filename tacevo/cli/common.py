@@ -2,12 +2,15 @@
 
 import argparse
 import os
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, NoReturn
 
+from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
+from tacevo.parts.registry import is_there
 from tacevo.text import listed, nearest, printable
 
 #: Exit status: done; a comparison or verification failed; the user's mistake; interrupted by Ctrl-C, or by SIGTERM.
@@ -93,6 +96,12 @@ def output_directory(name: str | Path) -> Path:
             "a write-protected directory", place=str(directory), expected=expected, remedy="name another by -o"
         )
     return directory
+
+
+def comparison(sweep: Path) -> str:
+    """Return the command that compares the arms of a sweep: its tables alone where no figure can be drawn here."""
+    command = "ablations" if is_there("analysis.figures") else "tables"
+    return f"{as_typed('tacevo')} {command} {shlex.quote(str(sweep))}"
 
 
 def tell(text: object = "", *, error: bool = False, end: str = "\n", flush: bool = False) -> None:

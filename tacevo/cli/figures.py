@@ -67,8 +67,9 @@ def drawable(one: Run | Sweep) -> tuple[list[Picture], list[str]]:
 
 def _of_sweep(collected: SweepCollection) -> tuple[list[Picture], list[str]]:
     """List the figures of a sweep, and the reasons why others are missing."""
-    missing: list[str] = []
-    brought = outputs().sweep_figures(collected, missing.append)
+    known = outputs()
+    missing = list(known.missing.values())
+    brought = known.sweep_figures(collected, missing.append)
     return with_others(sweep_pictures(collected), brought, missing.append), missing
 
 
@@ -96,7 +97,7 @@ def run_ablations(name: str, place: Path, reference: str | None, store: str | No
     pictures, undrawn_ones = _of_sweep(collected)
     with progress_of("figures", len(pictures)) as on_drawn:
         write_pictures(pictures, directory, [".pdf"], on_drawn, undrawn_ones.append)
-    say([*missing, *undrawn_ones])
+    say(dict.fromkeys([*missing, *undrawn_ones]))
     stated = collected.ablation.primary
     first = stated if stated in collected.ablation.arms and stated is not None else Metric.best_fitness
     print_table(_in_short(next(table for table in tables if table.name == f"ablation_{first.name}")), Console())

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tacevo.cli.common import DIFFERENT, DONE, tell
+from tacevo.cli.signature import Command
 from tacevo.config.chosen import part_of
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
@@ -176,6 +177,8 @@ def _made(kind: Kind, name: str, overrides: Sequence[str]) -> Any:
     found = find(kind, name)
     if not kind.setting:
         loaded = found.load()
+        if isinstance(loaded, Command):
+            return loaded.describe
         return loaded() if inspect.isclass(loaded) else loaded
     value = f"[{_quoted(name)}]" if kind.name == "descriptors" else _quoted(name)
     config = compose(["experiment=demo", f"{kind.setting}={value}", *overrides])

@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from tacevo.choices import Primary
-from tacevo.cli.common import DIFFERENT, DONE, tell
+from tacevo.cli.common import DIFFERENT, DONE, comparison, tell
 from tacevo.config.chosen import part_of
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.conf_folder import check_experiment
@@ -124,4 +124,4 @@ def _after(sweep: Path) -> str:
     terms = SweepDirectory(sweep).read().terms
     if terms.primary is not None and terms.primary.is_tested and terms.retraining is None:
         return f"{as_typed('tacevo')} study {shlex.quote(as_override('sweep', str(sweep)))} seeds=5"
-    return f"{as_typed('tacevo')} ablations {shlex.quote(str(sweep))}"
+    return comparison(sweep)

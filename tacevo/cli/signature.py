@@ -19,8 +19,9 @@ _SHORT = {"output": "-o", "multirun": "-m", "cfg": "-c", "yes": "-y"}
 #: Options whose name Python or the field writes otherwise.
 _LONG = {"licence": "--license"}
 
-#: What an annotation adds that is no `Takes`: an argument that must be given at least once, an option that may be.
-AT_LEAST_ONE, REPEATED = object(), object()
+#: Marks that an annotation adds: an argument that must be given at least once; an option that may be given several
+#: times; an option that is gone, and only says what took its place.
+AT_LEAST_ONE, REPEATED, GONE = object(), object(), object()
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,11 +111,13 @@ def _escaped(text: str) -> str:
 def _add(parser: Parser, parameter: inspect.Parameter, meaning: str) -> None:
     """Let a parser read one parameter."""
     is_required = parameter.default is parameter.empty
-    settings: dict[str, Any] = {"help": argparse.SUPPRESS if meaning.startswith("gone") else meaning}
+    settings: dict[str, Any] = {"help": meaning}
     if parameter.default is False:
         settings["action"] = "store_true"
     else:
         kind, takes, marks = _unpacked(parameter.annotation)
+        if GONE in marks:
+            settings["help"] = argparse.SUPPRESS
         settings |= {"metavar": takes.name, "type": takes.read} if takes else {"choices": _choices(kind)}
         if parameter.kind is parameter.VAR_POSITIONAL:
             settings["nargs"] = "+" if AT_LEAST_ONE in marks else "*"

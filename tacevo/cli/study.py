@@ -10,7 +10,7 @@ from typing import TypeVar
 from rich.console import Console
 
 from analysis.report.collection import outcomes, read_studies
-from tacevo.cli.common import DIFFERENT, DONE, tell
+from tacevo.cli.common import DIFFERENT, DONE, comparison, tell
 from tacevo.cli.tables import print_table, say
 from tacevo.config.compose import compose_elsewhere, compose_study, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
@@ -171,7 +171,7 @@ def report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[s
         statuses.append(end(one, remedy))
     for job in unfinished:
         tell(f"no {what}, for it is not finished: {job}")
-    tell(f"next:   {as_typed('tacevo')} ablations {shlex.quote(str(sweep))}")
+    tell(f"next:   {comparison(sweep)}")
     return DIFFERENT if unfinished else max(statuses)
 
 

@@ -1,6 +1,7 @@
 """The composition of a checked configuration from what a user typed; no other module composes with Hydra."""
 
 import contextlib
+import copy
 import itertools
 import re
 import shlex
@@ -262,6 +263,7 @@ def _composed(name: str, overrides: Sequence[str]) -> DictConfig:
     for group, choice in choices.items():
         config_file(f"{group}/{choice}.yaml", group)
     if len(seeds) == 1:
+        config = copy.deepcopy(config)  # what was composed is kept, for other seeds
         config.seed = int(seeds[0].partition("=")[2])  # as Hydra does, after all files and before `${seed}` is read
     return config
 

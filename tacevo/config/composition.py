@@ -6,7 +6,9 @@ is read once as long as it stays the same, and Hydra's own groups are left out. 
 a test compares what comes out with `hydra.compose` for every choice that is shipped.
 """
 
+import contextlib
 import copy
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -27,8 +29,9 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-#: A directory of configs with the files in it: path, time of change in ns, size in bytes.
-_Stamps = tuple[tuple[str, int, int], ...]
+#: What tells the files of a directory of configs from other ones, or from what they were: the path of each, and its
+#: inode, times of change in ns, and size in bytes.
+_Stamps = tuple[tuple[str, int, int, int, int], ...]
 
 
 class _Files(ConfigRepository):
@@ -78,6 +81,7 @@ class _Loader(ConfigLoaderImpl):
         once = _Once(self.repository)
         listed = create_defaults_list(once, name, parsed, prepend_hydra=False, skip_missing=False)
         config = self._compose_config_from_defaults_list(listed.defaults, once)
+        config.pop("hydra", None)  # settings of Hydra's own in a user's file, which have no effect
         OmegaConf.set_struct(config, True)
         self._apply_overrides_to_config(listed.config_overrides, config)
         return config, dict(listed.overrides.known_choices)
@@ -97,16 +101,19 @@ def composed(name: str, overrides: Sequence[str], roots: Sequence[Path]) -> tupl
     Raises:
         Exception: of Hydra, OmegaConf, YAML or the file system, which share no class.
     """
-    return _composed(name, tuple(overrides), tuple(roots), tuple(map(_stamps, roots)))
+    # The choice of a group may name a variable of the environment: in an override, or in a file of the user's.
+    names_variables = len(roots) > 1 or any("${" in override for override in overrides)
+    environment = frozenset(os.environ.items()) if names_variables else frozenset[tuple[str, str]]()
+    return _composed(name, tuple(overrides), tuple(roots), tuple(map(_stamps, roots)), environment)
 
 
 def laid_over(settings: Mapping[str, Any], overrides: Sequence[str]) -> DictConfig:
     """Lay overrides over settings, each of which must be there; raises as `composed`."""
     config = OmegaConf.create(dict(settings))
     OmegaConf.set_struct(config, True)
-    parsed = OverridesParser.create().parse_overrides(list(overrides))
-    ConfigLoaderImpl.validate_sweep_overrides_legal(parsed, run_mode=RunMode.RUN, from_shell=False)
-    ConfigLoaderImpl._apply_overrides_to_config(parsed, config)
+    read = OverridesParser.create().parse_overrides(list(overrides))
+    ConfigLoaderImpl.validate_sweep_overrides_legal(read, run_mode=RunMode.RUN, from_shell=False)
+    ConfigLoaderImpl._apply_overrides_to_config(read, config)
     return config
 
 
@@ -118,7 +125,11 @@ def parsed(overrides: Sequence[str], roots: Sequence[Path]) -> list[Override]:
 
 @lru_cache(maxsize=128)
 def _composed(
-    name: str, overrides: tuple[str, ...], roots: tuple[Path, ...], stamps: tuple[_Stamps, ...]
+    name: str,
+    overrides: tuple[str, ...],
+    roots: tuple[Path, ...],
+    stamps: tuple[_Stamps, ...],
+    environment: frozenset[tuple[str, str]],
 ) -> tuple[DictConfig, Mapping[str, str | None]]:
     version.setbase("1.3")
     try:
@@ -133,5 +144,17 @@ def _files(roots: tuple[Path, ...], stamps: tuple[_Stamps, ...]) -> _Files:
 
 
 def _stamps(root: Path) -> _Stamps:
-    found = ((path, path.stat()) for path in sorted(root.rglob("*.yaml")))
-    return tuple((str(path), stat.st_mtime_ns, stat.st_size) for path, stat in found)
+    stamps, seen = [], set[str]()
+    for folder, below, files in os.walk(root, followlinks=True):
+        real = os.path.realpath(folder)
+        if real in seen:  # a link that leads back
+            below.clear()
+            continue
+        seen.add(real)
+        for file in files:
+            if file.endswith(".yaml"):
+                with contextlib.suppress(FileNotFoundError):  # a link to nothing, as an editor leaves beside its file
+                    path = os.path.join(folder, file)
+                    stat = os.stat(path)
+                    stamps.append((path, stat.st_ino, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_size))
+    return tuple(sorted(stamps))

@@ -1,4 +1,4 @@
-"""The facts of our sources and providers by their names alone: nothing is imported for it.
+"""The facts of our sources, providers and outputs by their names alone: nothing is imported for it.
 
 A recorded run is read, shown, compared and replayed by these facts where the part itself is not installed. Of a part
 that is not ours, the defaults hold.

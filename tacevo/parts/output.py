@@ -27,7 +27,10 @@ class Section:
     tables: Sequence[Table] = ()
 
     def __post_init__(self) -> None:
-        """Check the texts; raises TypeError."""
+        """Keep what was given as tuples, and check the texts; raises TypeError."""
+        if not isinstance(self.sentences, str):
+            for name in ("sentences", "figures", "tables"):
+                object.__setattr__(self, name, tuple(getattr(self, name)))
         if not isinstance(self.title, str) or not self.title.strip():
             raise TypeError(f"expected a title of a section; got {self.title!r}")
         if isinstance(self.sentences, str) or not all(isinstance(one, str) for one in self.sentences):

@@ -183,11 +183,16 @@ def import_file(file: Path) -> ModuleType:
 def raised(error: BaseException, file_of_part: Path | None = None) -> str:
     """Say what code of a user's raised, and in which line: the last of its own file, where that is known."""
     frames = extract_tb(error.__traceback__)
-    own = [frame for frame in frames if file_of_part is not None and Path(frame.filename).name == file_of_part.name]
+    own = [frame for frame in frames if file_of_part is not None and _is_same(Path(frame.filename), file_of_part)]
     last = (own or frames)[-1]
     file, line = (error.filename, error.lineno) if isinstance(error, SyntaxError) else (last.filename, last.lineno)
     said = error.msg if isinstance(error, SyntaxError) else str(error)
     return f"{type(error).__name__}: {said}, {Path(file or '').name}, line {line}"
+
+
+def _is_same(file: Path, other: Path) -> bool:
+    """Answer whether two paths lead to one file, or are those of a part's file here and where it is confined."""
+    return file.resolve() == other.resolve() or (not file.exists() and file.name == other.name)
 
 
 #: The extra of tacevo that installs a library which `pip install tacevo` does not.

@@ -17,8 +17,8 @@ import yaml
 
 from tacevo.config.schema import RunConfig
 from tacevo.config.strict_yaml import read_yaml
-from tacevo.environment import install
 from tacevo.errors import ConfigError
+from tacevo.parts.registry import missing
 from tacevo.records import Json
 from tacevo.redaction import is_secret_variable
 from tacevo.storage.sweep_directory import Job, SweepDirectory
@@ -191,5 +191,5 @@ def _check_cluster(launcher: Launcher) -> None:
             first_line(error),
             place=place,
             expected="a launcher that is installed, and options that it has",
-            remedy=install("slurm") if isinstance(error, ImportError) else "",
+            remedy=missing(error).remedy if isinstance(error, ImportError) else "",
         ) from error

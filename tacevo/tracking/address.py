@@ -86,7 +86,9 @@ def told(place: str, uri: str, remedy: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = without_address(str(error)).partition("\n")[0]
-        driver = "install the database driver that this address needs, then " if isinstance(error, ImportError) else ""
+        library = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else "tacevo"
+        lacks = library not in {"tacevo", "analysis"}
+        driver = "install the database driver that this address needs, then " if lacks else ""
         raise MlflowError(
             f"{type(error).__name__}: {reason}",
             place=f"{place} into {shown_address(uri)}",

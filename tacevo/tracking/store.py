@@ -138,9 +138,10 @@ class Search:
 
     def add_points(self, points: Sequence[Point], known_by: str) -> None:
         """Write metrics, but for those at steps at which the metric `known_by` stands already."""
-        lacking = [point for point in points if point[2] not in self.steps(known_by)]
+        known = self.steps(known_by)
+        lacking = [point for point in points if point[2] not in known]
         self._store.log(self._id, {}, lacking)
-        self._steps[known_by] |= {step for _, _, step in lacking}
+        known.update(step for _, _, step in lacking)
 
     def lacks(self, name: str, line: str) -> bool:
         """Return whether the store lacks a candidate or study of a name; the hash of its line tells it apart.

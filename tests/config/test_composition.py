@@ -545,3 +545,19 @@ def test_key_that_hydra_cannot_read_is_no_setting(override: str) -> None:
     """Its value is not blamed."""
     with refused(ConfigError, place=override.partition("=")[0], got="not a setting"):
         compose([override])
+
+
+def test_linked_and_dangling_files_and_variables_are_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A directory may be a link, an editor leaves links to nothing, and a choice may be named by the environment."""
+    elsewhere, own = tmp_path / "elsewhere", tmp_path / "own"
+    elsewhere.mkdir()
+    own.mkdir()
+    (own / "training").symlink_to(elsewhere)
+    (elsewhere / ".#mine.yaml").symlink_to(tmp_path / "nothing")
+    monkeypatch.setenv("TACEVO_CONFIG_DIR", str(own))
+    for epochs in (3, 12):
+        (elsewhere / "mine.yaml").write_text(f"defaults: [quick, _self_]\nepochs: {epochs}\n", encoding="utf-8")
+        assert compose(["training=mine"]).training.epochs == epochs
+    for task in ("force", "grating"):
+        monkeypatch.setenv("CHOSEN_TASK", task)
+        assert compose(["task=${oc.env:CHOSEN_TASK}"]).task.name == task

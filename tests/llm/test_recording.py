@@ -146,11 +146,11 @@ def test_price_is_stored_with_the_answer(tmp_path: Path) -> None:
 def test_lone_surrogates_are_replaced_before_they_are_seen(tmp_path: Path) -> None:
     """Half an emoji, which no UTF-8 file can hold, neither stops a search nor differs in its replay."""
 
-    class HalfInteger:
+    class Halves:
         def complete(self, requests: Sequence[Request], keep: Keep) -> Iterator[tuple[int, Completion]]:
             halves = Completion(text="\ud83d", model="m\ud83d", stop_reason="e\ud83d", input_tokens=1, output_tokens=1)
             yield 0, keep(requests[0], halves)
 
-    ((_, completion),) = RecordingLLM(HalfInteger(), completions(tmp_path)).complete(REQUESTS[:1])
+    ((_, completion),) = RecordingLLM(Halves(), completions(tmp_path)).complete(REQUESTS[:1])
     assert (completion.text, completion.model, completion.stop_reason) == ("?", "m?", "e?")
     assert texts(RecordingLLM(None, completions(tmp_path, Mode.replay)), REQUESTS[:1]) == ["?"]

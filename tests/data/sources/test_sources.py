@@ -216,7 +216,7 @@ def test_presses_of_the_release_are_whole_and_in_the_order_of_their_numbers(
 @forty
 @given(st.integers(1, 65_535), st.data())
 def test_white_becomes_255_and_all_else_is_rounded_to_the_nearest(white: int, data: st.DataObject) -> None:
-    """HalfInteger go up; values beyond the white, or below 0, are refused."""
+    """Halves go up; values beyond the white, or below 0, are refused."""
     values = data.draw(arrays_of.arrays(np.int64, 8, elements=st.integers(0, white)))
     scaled = to_8_bits(values, float(white))
     assert (np.abs(scaled - values * 255 / white) <= 0.5).all()
