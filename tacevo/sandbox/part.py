@@ -10,10 +10,12 @@ import dataclasses
 import importlib
 import math
 import operator
+import os
 import random
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import BuiltinImporter, FrozenImporter, ModuleSpec
 from types import ModuleType
@@ -106,13 +108,13 @@ def decide(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object
     """Make one decision, and send it as one frame, `{"answer": ...}`, or `{"fault": ...}` where the part is at fault.
 
     The header has `sources`, `module`, `attribute` and `base` of the part, its `settings`, the `method`, what is
-    `given` to it, and the number of the `process`, 0 or 1: two processes differ in their clocks, in the global
-    generators, and in where objects lie and in which order, which no decision may follow from. Centroids are sent as
-    float64 behind the header, which then has their `columns`.
+    `given` to it, and the number of the `process`, 0 or 1: two processes differ in their clocks, in what they say of
+    the machine, and in where objects lie and in which order, which no decision may follow from. A draw that `rng` does
+    not make raises. Centroids are sent as float64 behind the header, which then has their `columns`.
     """
     number = header["process"]
-    random.seed(number)
-    np.random.seed(number)  # noqa: NPY002 - which a part could use
+    _refuse_global_generators()
+    _change_surroundings(number)
     for name in ("time", "monotonic", "perf_counter", "process_time"):
         setattr(time, name, _shifted(getattr(time, name), number * _LATER))
         setattr(time, f"{name}_ns", _shifted(getattr(time, f"{name}_ns"), number * _LATER * 10**9))
@@ -128,6 +130,45 @@ def decide(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object
         answer = {"fault": _told(error, header["sources"])}
     send(answer, payload)
     return None
+
+
+def _refuse_global_generators() -> None:
+    """Let draws from the generators of `random` and `numpy.random`, and unseeded ones, raise."""
+    for module, generator in ((random, random._inst), (np.random, np.random.mtrand._rand)):
+        for name in dir(module):
+            if getattr(getattr(module, name), "__self__", None) is generator:
+                setattr(module, name, _refusing(f"{module.__name__}.{name}"))
+    seeded = np.random.default_rng
+
+    def default_rng(seed: Any = None) -> np.random.Generator:
+        return _refusing("numpy.random.default_rng without a seed")() if seed is None else seeded(seed)
+
+    np.random.default_rng = default_rng
+
+
+def _refusing(name: str) -> Callable[..., Any]:
+    def refuse(*_: object, **__: object) -> Any:
+        raise RuntimeError(f"{name} draws what no record has; draw from `rng` alone")
+
+    return refuse
+
+
+def _change_surroundings(number: int) -> None:
+    """Let each process say something else of the machine and of its start, which a part may have found a way to."""
+    sys.argv[:] = [str(number)]
+    sys.orig_argv[:] = sys.argv
+    sys.path[:] = [f"/{number}"]
+    sys.executable = sys.prefix = sys.exec_prefix = f"/{number}"
+    os.environ.clear()
+    os.environ["PROCESS"] = str(number)
+    for name, value in {"cpu_count": 1 + number, "getppid": 1 + number, "getcwd": f"/{number}"}.items():
+        setattr(os, name, partial(_first_of, value))
+    os.sched_getaffinity = partial(_first_of, set(range(1 + number)))
+    os.uname = partial(_first_of, os.uname_result((f"{number}",) * 5))
+
+
+def _first_of(value: Any, *_: object) -> Any:
+    return value
 
 
 def _place_objects(number: int) -> None:

@@ -93,10 +93,14 @@ def test_nothing_is_kept_or_shown(process: PartProcess, body: str) -> None:
 @pytest.mark.parametrize(
     ("body", "fault"),
     [
-        ("return [pool[int(statistics.random.random() * 4)]]", "for the same"),
+        ("return [pool[int(statistics.random.random() * 4)]]", "draws what no record has"),
+        ("return [pool[np.random.default_rng().integers(4)]]", "draws what no record has"),
+        ("return [pool[int(statistics.random._os.sys.argv[0])]]", "for the same"),
+        ("return [pool[statistics.random._os.cpu_count()]]", "for the same"),
+        ("return [pool[len(statistics.random._os.sched_getaffinity(0))]]", "for the same"),
         ("import time\nreturn [pool[0]]", "may not import time"),
         ("__import__('os').getpid()", "may not import os"),
-        ("return [pool[np.random.randint(4)]]", "for the same"),
+        ("return [pool[np.random.randint(4)]]", "draws what no record has"),
         ("raise ValueError('no such luck')", "ValueError: no such luck, rule.py, line"),
         ("while True: pass", "out_of_time"),
         ("return [bytearray(4 * 10**9)]", "MemoryError"),
