@@ -153,7 +153,7 @@ def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pyt
     assert "name by -o where to write figures" in capsys.readouterr().err
 
 
-@pytest.mark.room("page")
+@pytest.mark.room("page", "mlflow")
 def test_job_of_a_published_sweep_is_not_believed(
     whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -26,7 +26,7 @@ COMMANDS = [
 ]
 
 
-@pytest.mark.room("motifs")
+@pytest.mark.room("motifs", "alarms", "Pareto", "effects of instructions")
 def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each has its three files, and is in the index; what is printed is what a paper needs."""
     assert main(["tables", str(run)]) == 0

@@ -184,7 +184,7 @@ def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     assert [measures["level"] for measures in told] == [Confinement.none]
 
 
-@pytest.mark.room("estimate")
+@pytest.mark.room("estimate", "gpus")
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("visible", "said"), [("", "a machine without one"), ("0", "equipped or confined")])
 def test_gpu_that_fails_is_no_verdict(visible: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

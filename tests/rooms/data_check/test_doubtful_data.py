@@ -77,6 +77,7 @@ def test_search_warns_and_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert "warning: " not in capsys.readouterr().err
 
 
+@pytest.mark.room("grammar")
 def test_what_is_passed_over_or_lies_elsewhere_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     """By a check, once each; the search says the same. Without them both are silent."""
     overrides = save(noise(255, np.uint8))

@@ -70,6 +70,7 @@ def test_report_does_not_say_where_the_run_lay(published: Path, tmp_path: Path) 
     assert str(tmp_path) not in page.read_text()
 
 
+@pytest.mark.room("publishing")
 def test_report_of_a_sweep_compares_its_arms(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each run comes with its candidates, and is told as it begins; sources that runs share come once."""
     page = tmp_path / "page.html"

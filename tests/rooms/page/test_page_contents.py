@@ -102,8 +102,8 @@ def test_first_lines_name_task_model_provider_data_and_digest(whole: tuple[Colle
     """Whoever reads a figure must know that no language model answered, and that no sensor was touched."""
     collection, shown = whole
     searched, _, data, _, digest = shown["headlines"]
-    assert searched.startswith("Task force, seed 0, requests answered by grammar-2, portable numerics. ")
-    assert data.endswith(" Data source: simulated; provider of the model: grammar.")
+    assert searched.startswith("Task force, seed 0, requests answered by drawn, portable numerics. ")
+    assert data.endswith(" Data source: touches; provider of the model: drawn.")
     assert digest.startswith(f"Digest: {collection.run.digest}. Rules: ")
 
 

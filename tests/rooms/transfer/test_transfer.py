@@ -22,6 +22,8 @@ from analysis.tables.transfer import OWN, joint_table, sensor_table, transfer_ta
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy, is_alone
 
+pytestmark = pytest.mark.room("plans, pilots")
+
 NICHES = np.array([[0.3, 0.5], [0.7, 0.5]])
 
 #: Two variants, of which the first is better than the baseline and the second worse; and the other way round.

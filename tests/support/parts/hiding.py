@@ -29,7 +29,8 @@ WITH = MappingProxyType(
     {
         "batches": ("hosted",),
         "figures": ("data check",),  # both draw images, with Matplotlib
-        "data check": ("figures",),
+        "data check": ("figures", "simulator", "tacverse"),  # its tests look at their data
+        "page": ("figures", "data check", "Pareto", "alarms"),  # which draw its sample images, and what it shows
         "document": ("figures", "data check", "motifs"),
         "crate": PUBLISHING,
         "ray": ("gpus",),
