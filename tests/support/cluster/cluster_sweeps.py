@@ -5,14 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 
-from smallest import SMALLEST, UNTRACKED
+from smallest import SIMULATED, UNTRACKED
 
 from tacevo.results.study_directory import studies_of
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.sweeps.status import status_of
 
 #: On a cluster, each job fills a node of two processors.
-JOBS = [*SMALLEST, UNTRACKED, "executor.workers=2", "store.root=cache", "search.initial=1", "search.candidates=2"]
+JOBS = [*SIMULATED, UNTRACKED, "executor.workers=2", "store.root=cache", "search.initial=1", "search.candidates=2"]
 SWEEP = [*JOBS, "search.generations=2"]
 ENDLESS = [*JOBS, "search.generations=999"]
 NONE, FIXED = "none-seed0", "fixed_temperature-seed0"
