@@ -5,7 +5,6 @@ joins two rooms of which one imports the other, the thicker the more modules do.
 candidate, from the command to the ledger.
 """
 
-import ast
 import sys
 import tomllib
 from collections import Counter
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import grimp
 import matplotlib as mpl
+from costs import statements
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
@@ -54,20 +54,14 @@ def rows() -> list[list[str]]:
     return [*floors, [_EVERYWHERE]]
 
 
-def statements() -> Mapping[str, int]:
+def sizes() -> Mapping[str, int]:
     """Count the statements of each room, without docstrings."""
     known = {name for row in rows() for name in row}
     counts = Counter[str]()
-    for path in sorted((ROOT / "tacevo").rglob("*.py")):
+    for path in (ROOT / "tacevo").rglob("*.py"):
         room = path.relative_to(ROOT / "tacevo").parts[0]
-        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        counts[room if room in known else _EVERYWHERE] += sum(map(_counts, nodes))
+        counts[room if room in known else _EVERYWHERE] += statements([path])
     return counts
-
-
-def _counts(node: ast.AST) -> bool:
-    is_docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-    return isinstance(node, ast.stmt) and not is_docstring
 
 
 def imports() -> Mapping[tuple[str, str], int]:
@@ -90,10 +84,10 @@ def _room(module: str, known: set[str]) -> str:
 
 def draw() -> Figure:
     """Draw rooms, imports and the way of a candidate."""
-    floors, sizes, joined = rows(), statements(), imports()
+    floors, counts, joined = rows(), sizes(), imports()
     figure = Figure(figsize=(_WIDTH, 0.98 * len(floors) + 2.6))
     axes = figure.add_axes((0, 0, 1, 1))
-    places = dict(_places(floors, sizes))
+    places = dict(_places(floors, counts))
     for (here, there), count in sorted(joined.items()):
         (x, y, width), (u, v, other) = places[here], places[there]
         ends = (x + width / 2, u + other / 2), (y, v + _HEIGHT)
@@ -109,7 +103,7 @@ def draw() -> Figure:
         axes.text(
             x + width / 2,
             y + _HEIGHT * 0.2,
-            f"{sizes[room]:,}",
+            f"{counts[room]:,}",
             ha="center",
             va="center",
             color=_LINE,
