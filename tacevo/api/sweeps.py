@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -19,14 +20,18 @@ from tacevo.api.runs import Draw, Run, progress
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, located
 from tacevo.choices import Primary
-from tacevo.errors import ConfigError
+from tacevo.errors import CacheMissError, ConfigError
 from tacevo.parts.registry import needing_parts
+from tacevo.results.run import RecordedRun
 from tacevo.results.sweep import Standing, state_of
+from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import listed, nearest
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from analysis.sweeps.pairs import Pairs
 
 
 class Sweep:
@@ -147,6 +152,22 @@ class Sweep:
         tables, missing = self.all_tables()
         return Named({table.name: Table(table) for table in tables}, "sweep.tables", missing)
 
+    @needing_parts()
+    def pairs(self, reference: str | None = None) -> Pairs:
+        """Compare its arms answer by answer, where they ask the same questions (docs/pairs.md).
+
+        Returns:
+            The comparison: `arms` and `answers` are frames, and `diversity` where questions were asked several times.
+
+        Raises:
+            ConfigError: the reference is not an arm with a finished search.
+            RunError: no two arms ask the same question.
+        """
+        from analysis.sweeps.pairs import compare_pairs
+
+        sweep = self.collection().sweep
+        return compare_pairs(sweep, reference, operations=_operations)
+
     @cached_property
     @needing_parts()
     def figures(self) -> Mapping[str, Draw]:
@@ -186,6 +207,15 @@ class Sweep:
     def _repr_html_(self) -> str:
         title = f"sweep {self.name}: {len(self._record.jobs)} jobs of {len(self.arms)} arms"
         return f"<p>{title}</p>{self.jobs.to_html(na_rep='')}"
+
+
+def _operations(run: RecordedRun) -> dict[str, Counter[str]] | None:
+    """Count the operations that each trained candidate of a run calls, by id; None where its probes are not here."""
+    try:
+        profiles = recall_profiles(run)
+    except CacheMissError:
+        return None
+    return {name: Counter(step.op for step in profile.steps) for name, profile in profiles.items()}
 
 
 def metric_of(name: str | None, compared: Ablation, *, looked_up: bool = False) -> Metric:

@@ -616,6 +616,37 @@ def ablations(
     return run_ablations(sweep, place, reference, store)
 
 
+@command(interrupted="every written file is complete; run the same command again for the rest")
+def pairs(
+    sweep: SweepPlace,
+    *,
+    output: Dir | None = None,
+    reference: Annotated[str, Takes("ARM")] | None = None,
+    store: Dir | None = None,
+) -> int:
+    """Compare the arms of a sweep answer by answer: the same questions, asked in other ways.
+
+    Compare the arms of a sweep answer by answer. In the first generation after generation 0 the arms of a seed ask a
+    model for children of the same parents by the same instructions, so two answers differ by nothing but what tells the
+    arms apart. Print the tables, and write them as .tex, .md and .csv.
+
+    Examples:
+      tacevo search -m experiment=pairs 'prompts.tells=[],[fitness],[failures]' seed=0,1,2 --into sweeps/tells
+      tacevo pairs sweeps/tells
+
+    Args:
+        sweep: the directory or bundle of a sweep
+        output: where to write (default: SWEEP/pairs)
+        reference: the arm to compare with (default: the one that the sweep states, else none, or the first)
+        store: directory of the stores, if it was moved
+    """
+    place = place_of_results(sweep, output, "pairs")
+    _reading(sweep)
+    from tacevo.cli.pairs import run_pairs
+
+    return run_pairs(sweep, place, reference, store)
+
+
 @command(interrupted="nothing half-made is left")
 def init(
     name: Name,

@@ -88,7 +88,7 @@ def run_study(words: Sequence[str]) -> int:
             with Progress() as view:
                 studies, unfinished = study_sweep(Path(config.sweep), config, view, other)
             return report_sweep(Path(config.sweep), studies, unfinished, "study", "raise seconds= or memory_mib=")
-        if RunDirectory(Path(config.run or "")).read_run().task.given:
+        if RunDirectory(Path(config.run or "")).read_run().is_of_given:
             check_unchosen(words)
         if len(each := [*product(*spread(other))] if other else [()]) > 1:
             own = replace(read_run(Path(config.run or ""), config.store.root).with_data, executor=config.executor)

@@ -21,6 +21,7 @@ from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.chosen import UNGIVEN, check_parts, name_file, names_open, open_parts
 from tacevo.config.composition import composed, laid_over, parsed
 from tacevo.config.conf_folder import config_file, config_roots, groups
+from tacevo.config.network_files import read_networks
 from tacevo.config.own_parts import check_setting, checked, defaults, names_own, own_parts, with_names
 from tacevo.config.plain import converted, from_plain, near
 from tacevo.config.removed import removed
@@ -78,7 +79,15 @@ def compose(overrides: Sequence[str]) -> RunConfig:
         if len(without) < len(others) or "data" in arm:
             used = _plain(chosen.data)
             check_used(config, used, _plain(_composed("config", without).data))
-    return with_all_sensors(config, others)
+    return with_all_sensors(_counting_networks(config), others)
+
+
+def _counting_networks(config: RunConfig) -> RunConfig:
+    """Return a configuration whose `search.initial` is the number of networks that it gives, where it gives some."""
+    if not config.search.networks:
+        return config
+    given = read_networks(config.search.networks, "search.networks")
+    return replace(config, search=replace(config.search, initial=len(given)))
 
 
 def _is_of_parts(override: str) -> bool:

@@ -1,15 +1,13 @@
 """Networks that a user gives: their files, and the run that a study of them is about."""
 
-import glob
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
 from tacevo.choices import PAPER_AXES
 from tacevo.config.checks import check_together
 from tacevo.config.compose import compose, compose_study
-from tacevo.config.conf_folder import config_roots
+from tacevo.config.network_files import read_networks
 from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.config.study import StudyConfig
 from tacevo.errors import ConfigError
@@ -24,9 +22,6 @@ _OF_A_RUN = {
     *("task", "data", "training", "numerics", "gate", "sandbox", "seed", "experiment", "tracking", "run"),
     *("executor", "store"),
 }
-
-#: The pattern for the name of a given network, since tables, figures and file names bear its name.
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}")
 
 
 def gives_networks(overrides: Sequence[str]) -> bool:
@@ -58,7 +53,7 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, dic
     of_study = [override for override, key in keys.items() if _group(key) in _OF_A_STUDY]
     of_run = [override for override, key in keys.items() if _group(key) in _OF_A_RUN]
     study = compose_study(of_study, given=True)
-    files = dict(_files(study.networks))
+    files = read_networks(study.networks)
     chosen = compose(["llm=grammar", *of_run])  # it is asked nothing, but some experiments want a model to be named
     return study, _run_of(chosen, len(files)), files
 
@@ -85,36 +80,3 @@ def _run_of(chosen: RunConfig, networks: int) -> RunConfig:
 
 def _group(key: str) -> str:
     return key.partition(".")[0]
-
-
-def _files(names: Sequence[str]) -> Iterator[tuple[Path, Given]]:
-    """Read the files that paths, directories and patterns name, in this order, each of a name of its own."""
-    known: dict[str, Path] = {"baseline": Path("the task's baseline, which every study has")}
-    for path in (path for name in names for path in _paths(name)):
-        label = path.stem
-        if _NAME.fullmatch(label) is None:
-            expected = "a file name of up to 40 letters, digits, spaces, '.', '_' and '-': it is the network's name"
-            raise ConfigError(repr(label), place=f"networks, {path}", expected=expected, remedy="rename the file")
-        if label in known:
-            expected = "files of different names, which are the networks' names"
-            raise ConfigError(f"{known[label]} and {path}", place="networks", expected=expected, remedy="rename one")
-        known[label] = path
-        try:
-            yield path, Given(name=label, source=path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise ConfigError(str(error), place=f"networks, {path}", expected="a network: text in UTF-8") from error
-
-
-def _paths(name: str) -> list[Path]:
-    """List the files behind a name: a file, those of a directory, or those of a pattern, by name.
-
-    A relative name is looked up here and then in the directories of configs, so that the shipped networks are found
-    from anywhere.
-    """
-    for root in (Path(), *config_roots()):
-        path = root / name
-        pattern = f"{glob.escape(str(path))}/*.py" if path.is_dir() else str(path)
-        if files := sorted(map(Path, glob.glob(pattern))):
-            return files
-    expected = "a file of a network, a directory of .py files, or a pattern such as 'nets/*.py'"
-    raise ConfigError(f"{name}, which matches no file", place="networks", expected=expected)

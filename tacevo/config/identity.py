@@ -64,6 +64,8 @@ def config_hash(config: RunConfig) -> str:
 def decisive(config: RunConfig) -> dict[str, Json]:
     """Return what `config_hash` hashes."""
     settings: dict[str, Json] = {"config": identity(config), **length(config)}
+    if config.search.networks:  # by name; a ledger has their texts
+        settings["networks"] = list(config.search.networks)
     return {**settings, "data": written(config.data), "task": to_json(config.task)}
 
 

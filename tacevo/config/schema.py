@@ -94,6 +94,10 @@ class SearchConfig(Record):
     training_flops: Positive | None = None
     #: Generations in a row without one usable answer after which the search stops; null for never.
     stop_after_unusable: AtLeast1 | None = 2
+    #: Networks that start the archive beside the baseline in place of its mutations: files, directories and patterns.
+    networks: tuple[Text, ...] = ()
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"networks"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -296,6 +300,10 @@ class ProposalsConfig(Record):
     operator_for: OperatorScope = OperatorScope.generation
     #: The part of the candidates that a surrogate, fitted to the search's own trainings, judges worst and skips.
     skipped: Annotated[float, Ge(0), Lt(1)] = 0.0
+    #: How many answers each request gets: so many slots in a row share operator, parents, instruction and temperature.
+    answers: OneToMillion = 1
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"answers"})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -76,6 +76,8 @@ class Settings:
     operator_for: OperatorScope = OperatorScope.generation
     #: The size of the prompt pool P_g, from 1 to the task's instructions; None for all of them.
     pool: int | None = None
+    #: The number of slots in a row that ask the same question, each for an answer of its own; at least 1.
+    answers: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +114,7 @@ def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature:
         return (baseline, *(_without_request(slot, Operator.given, source) for slot, source in enumerate(sources, 1)))
     library = tuple(range(len(task.instructions)))
     slots = [
-        _Slot(generation=0, number=number, temperature=temperature, prompts=library)
+        _Slot(generation=0, number=number, question=number, temperature=temperature, prompts=library)
         for number in range(1, mutations + 1)
     ]
     return (baseline, *(_mutation(task, settings, slot, [_founder(task)], PromptArchive()) for slot in slots))
@@ -130,15 +132,24 @@ def plan_generation(
 
     One operator is drawn for the whole generation, mutation with probability p_m, else crossover; `operator_for`
     can draw one for each slot instead. With a single candidate in the pool of parents a crossover lacks its second
-    one, and the generation mutates; an empty pool stands for the baseline. The prompt pool P_g is drawn once; each slot
-    draws from it. Without parents every slot asks for a network at random.
+    one, and the generation mutates; an empty pool stands for the baseline. The prompt pool P_g is drawn once; each
+    question draws from it, and is asked in so many slots in a row as `answers` says. Without parents every slot asks
+    for a network at random.
 
     The generation is that of the population, the temperature T_g; the proposals are in the order of their slots.
     """
     generation = population.generation
     pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
-    numbers = range(settings.candidates)
-    slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]
+    slots = [
+        _Slot(
+            generation=generation,
+            number=number,
+            question=number // settings.answers,
+            temperature=temperature,
+            prompts=pool,
+        )
+        for number in range(settings.candidates)
+    ]
     if not settings.parents.has_parents:
         text = sample_text(task.baseline)
         return tuple(_asking(task, settings, slot, operator=Operator.sample, parents=(), text=text) for slot in slots)
@@ -162,6 +173,8 @@ class _Slot:
 
     generation: int
     number: int
+    #: The number of the question, which other slots may ask, too: all but the draw follows from it.
+    question: int
     #: T_g, before the request's noise.
     temperature: float
     #: Indices of the instructions that it may draw: P_g.
@@ -182,7 +195,7 @@ def _founder(task: Task) -> Candidate:
 def _mutates(settings: Settings, slot: _Slot) -> bool:
     """Draw the operator that holds for a slot."""
     alone = settings.operator_for is OperatorScope.candidate
-    where = (slot.generation, slot.number) if alone else (slot.generation,)
+    where = (slot.generation, slot.question) if alone else (slot.generation,)
     return bool(stream(settings.seed, "operator", *where).random() < settings.mutation_probability)
 
 
@@ -190,7 +203,7 @@ def _mutation(
     task: Task, settings: Settings, slot: _Slot, pool: Sequence[parts.Candidate], prompts: PromptArchive
 ) -> Proposal:
     (parent,) = parents = _parents_of(settings, slot, pool, 1)
-    rng = stream(settings.seed, "prompt", slot.generation, slot.number)
+    rng = stream(settings.seed, "prompt", slot.generation, slot.question)
     prompt = settings.prompts.draw(prompts.history, slot.prompts, rng)
     text = mutation_text(parent.source, task.instructions[prompt].text)
     return _asking(task, settings, slot, operator=Operator.mutation, parents=parents, text=text, prompt=prompt)
@@ -207,7 +220,7 @@ def _parents_of(
 ) -> Sequence[parts.Candidate]:
     if len(pool) == number == 1:  # such as the baseline, of which generation 0 is made
         return pool
-    return settings.parents.draw(pool, number, stream(settings.seed, "parents", slot.generation, slot.number))
+    return settings.parents.draw(pool, number, stream(settings.seed, "parents", slot.generation, slot.question))
 
 
 def _asking(
@@ -225,15 +238,16 @@ def _asking(
     So two slots that ask the same question get two answers, while two arms of an ablation that ask it in the
     same slot under the same seed share one.
     """
-    where, joined = (slot.generation, slot.number), settings.system is SystemTurn.user
-    noise = stream(settings.seed, "temperature", *where).uniform(-settings.jitter, settings.jitter)
+    joined = settings.system is SystemTurn.user
+    rng = stream(settings.seed, "temperature", slot.generation, slot.question)
+    noise = rng.uniform(-settings.jitter, settings.jitter)
     request = Request(
         model=settings.model,
         system="" if joined else task.system,
         messages=(ChatMessage(role="user", content=f"{task.system}\n\n{text}" if joined else text),),
         temperature=clip(slot.temperature + noise),
         max_tokens=settings.max_tokens,
-        draw=derived_seed(settings.seed, "draw", *where) % 2**31,
+        draw=derived_seed(settings.seed, "draw", slot.generation, slot.number) % 2**31,
         settings=settings.llm,
     )
     return Proposal(

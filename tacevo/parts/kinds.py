@@ -198,7 +198,7 @@ OUTPUTS = Kind(
 COMMAND_GROUPS: Mapping[str, tuple[str, ...]] = {
     "search": ("search", "extend", "study", "noise", "tabulate", "plan"),
     "reproduce": ("replay", "export", "publish", "cache"),
-    "analyse": ("show", "tables", "figures", "report", "ablations"),
+    "analyse": ("show", "tables", "figures", "report", "ablations", "pairs"),
     "tools": ("init", "data", "check", "parts", "track", "doctor"),
 }
 

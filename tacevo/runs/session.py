@@ -11,6 +11,7 @@ from typing import Any
 
 from tacevo.config.chosen import part_of
 from tacevo.config.identity import length
+from tacevo.config.network_files import read_networks
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.costs import Spending, spending_on, total
@@ -34,6 +35,7 @@ from tacevo.runs.answer_counts import UsableAnswers
 from tacevo.runs.data_warnings import warnings_of
 from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.decisions import Decisions, Parts
+from tacevo.runs.given_networks import admitted_networks
 from tacevo.runs.local import trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
@@ -80,6 +82,9 @@ def search(config: RunConfig, view: Progress) -> Result:
     with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)
+        if config.search.networks:
+            files = read_networks(config.search.networks, "search.networks")
+            task = replace(task, given=admitted_networks(config, task, data, files))
         for warning in warnings_of(config, task, data):
             view.say(f"warning: {warning}")
         return record(config, task, data, view, started=started, llm=llm)

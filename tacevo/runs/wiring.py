@@ -110,6 +110,7 @@ def build_settings(config: RunConfig, parts: Parts) -> Settings:
         llm=provider_settings(config.llm, config.own_settings(config.llm.provider)),
         system=config.llm.system,
         operator_for=config.proposals.operator_for,
+        answers=config.proposals.answers,
         pool=config.prompts.pool,
     )
 

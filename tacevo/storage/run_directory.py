@@ -30,7 +30,7 @@ from tacevo.errors import RunError
 from tacevo.parts.kinds import MOST_BYTES, MOST_FILES
 from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json, written
 from tacevo.rules import FIRST_PAGES
-from tacevo.storage.canonical import canonical, readable
+from tacevo.storage.canonical import canonical, readable, value_at
 from tacevo.storage.files import is_in_use, locked, remove_leftovers, write_durably
 from tacevo.storage.members import Member
 from tacevo.typed import FreeJson, parse
@@ -97,6 +97,11 @@ class RunRecord(Record):
     elsewhere: bool = False
 
     LATER: ClassVar[frozenset[str]] = frozenset({"trivial", "elsewhere"})
+
+    @property
+    def is_of_given(self) -> bool:
+        """Whether it holds given networks and no search, as a study of such networks makes it."""
+        return bool(self.task.given) and not value_at(self.config, ("search", "generations"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

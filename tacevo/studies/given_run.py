@@ -3,24 +3,19 @@
 So whatever is made of a run is made of them: replays, studies, tables, figures, reports and bundles.
 """
 
-import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
-from tacevo.errors import ConfigError
-from tacevo.gate.admission import Gate
-from tacevo.gate.extraction import as_whole
-from tacevo.gate.policy.problems import Problem, parse
-from tacevo.records import Completion, Given, Mode, Rejection, Task
-from tacevo.rules import CURRENT
+from tacevo.records import Given, Mode
 from tacevo.runs.datasets import load_data
+from tacevo.runs.given_networks import admitted_networks
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import build_llm
 from tacevo.runs.session import check_needed, record
-from tacevo.runs.wiring import Workbench, started_ahead
+from tacevo.runs.wiring import started_ahead
 from tacevo.text import counted
 
 
@@ -40,63 +35,10 @@ def record_given(config: RunConfig, files: Mapping[Path, Given], view: Progress)
     with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)
-        # All of them are judged before the first is trained; the run recalls these verdicts.
-        with Workbench(config, task, data.facts, Mode.record, data=data) as bench:
-            gate = bench.gate(CURRENT)
-            given = tuple(bench.executor.map(lambda file: _admitted(gate, *file), files.items()))
-        _check_different(task, given)
+        given = admitted_networks(config, task, data, files)
         epochs = config.training.epochs
         view.say(
             f"the run trains each of {counted(len(given) + 1, 'network')} for {counted(epochs, 'epoch')} first, as a "
             f"search does, unless that is recorded (training.epochs={epochs}); the study trains them anew"
         )
         return record(config, replace(task, given=given), data, view, started=started, llm=llm).directory
-
-
-def _admitted(gate: Gate, path: Path, network: Given) -> Given:
-    """Put a file through the gate, as if a model had answered with it."""
-    answer = Completion(text=network.source, model="", stop_reason="end_turn", input_tokens=0, output_tokens=0)
-    verdict = gate.admit(answer)
-    if isinstance(verdict, Rejection):
-        raise ConfigError(
-            f"one that is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}",
-            place=f"networks, {path}",
-            expected="a network that the gate admits",
-        )
-    changes = gate.notes(answer)
-    if changes:
-        raise ConfigError(
-            f"one that the gate would change: {'; '.join(changes)}",
-            place=f"networks, {path}",
-            expected="a network that the gate takes as it is",
-            remedy="change it so yourself",
-        )
-    if verdict.source != as_whole(network.source):
-        raise ConfigError(
-            "text of which the gate would take a part, as from a model's answer",
-            place=f"networks, {path}",
-            expected="Python as a whole",
-            remedy="correct the file: a syntax error, text beside the code or marks of a merge may stand in it",
-        )
-    return replace(network, source=verdict.source)
-
-
-def _check_different(task: Task, given: Sequence[Given]) -> None:
-    """Refuse a network that is there twice: its seeds would be counted twice."""
-    known = {_tree(task.baseline): "baseline"}
-    for network in given:
-        other = known.setdefault(_tree(network.source), network.name)
-        if other != network.name:
-            expected = "different networks"
-            raise ConfigError(f"{other} and {network.name} are one", place="networks", expected=expected)
-
-
-def _tree(source: str) -> str:
-    """Write a source as its syntax tree, which is the same whatever its comments and layout are."""
-    tree = parse(source)
-    if isinstance(tree, Problem):  # a baseline, which the run's gate then refuses
-        return source
-    try:
-        return ast.dump(tree)
-    except RecursionError:
-        return source

@@ -184,7 +184,7 @@ def _asked_job(config: StudyConfig, other: Sequence[str]) -> tuple[StudyJob, Dat
 
 def _chosen_by(run: RecordedRun) -> str:
     """Return the digest of the noise run that elites are chosen by; empty where networks were given."""
-    if run.record.task.given:
+    if run.record.is_of_given:
         return ""
     from tacevo.results.noise_runs import noise_digest  # a room of its own, which may be missing
 
@@ -368,8 +368,8 @@ def study_job(
     rules: int,
 ) -> StudyJob:
     """Work out which networks of a run are trained, by the training of `config`, and on which terms they are judged."""
-    if given := run.record.task.given:
-        networks = given_networks(run.candidates, [network.name for network in given])
+    if run.record.is_of_given:
+        networks = given_networks(run.candidates, [network.name for network in run.record.task.given])
     else:
         estimates = estimates_of(run.directory.path, chosen_by) if chosen_by else None
         networks = networks_of(run.candidates, [elite.id for elite in run.elites], elites, estimates)

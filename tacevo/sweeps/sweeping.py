@@ -13,6 +13,7 @@ import re
 import shlex
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from tacevo.choices import Varied
@@ -298,7 +299,7 @@ def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Stat
     record = begun.record
     if begun.ledger.lines and record is not None:
         check_is_run_of(job, begun)
-        if load_task(config, record.data) != record.task:
+        if load_task(config, record.data) != replace(record.task, given=()):
             raise RunError(
                 f"a run with other texts of task {record.task.name}",
                 place=str(begun.run.path),

@@ -253,7 +253,7 @@ def shown_config(run: RunRecord) -> dict[str, Json]:
 def search_tags(run: RunRecord) -> dict[str, str]:
     """Return the tags by which searches are found: task, and what answered, unless the networks were given."""
     llm = shown_config(run).get("llm", {})
-    asked = llm if isinstance(llm, Mapping) and not run.task.given else {}
+    asked = llm if isinstance(llm, Mapping) and not run.is_of_given else {}
     answered = {f"tacevo.{key}": str(asked[key]) for key in ("provider", "model") if key in asked}
     return {"tacevo.task": run.task.name, **answered}
 

@@ -21,8 +21,8 @@ from tacevo.errors import CacheMissError, ConfigError, DivergenceError, TacevoEr
 from tacevo.records import Given, Operator
 from tacevo.results.run import read_run
 from tacevo.results.study_directory import StudyDirectory, studies_of, study_names
+from tacevo.runs.given_networks import _check_different
 from tacevo.runs.progress import Progress
-from tacevo.studies.given_run import _check_different
 from tacevo.studies.study import replay_studies
 
 pytestmark = pytest.mark.timeout(300)

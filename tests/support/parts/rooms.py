@@ -49,6 +49,7 @@ ROOMS: Mapping[str, str] = {
         "analysis.sweeps.plans analysis.sweeps.pilots analysis.statistics.planning analysis.tables.plan "
         "tacevo.api.planning tacevo.cli.plan"
     ),
+    "pairs": "analysis.sweeps.pairs analysis.tables.pairs tacevo.cli.pairs",
     "noise": (
         "tacevo.studies.noise tacevo.cli.noise tacevo.results.noise_runs analysis.tables.noise "
         "analysis.tables.noise_outcome analysis.studies.noise analysis.studies.corrected analysis.statistics.seed_noise"
