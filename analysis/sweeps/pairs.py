@@ -9,6 +9,7 @@ Where a search asks each question several times (`proposals.answers`), how far i
 model is: by what a temperature changes first.
 """
 
+import contextlib
 import io
 import itertools
 import math
@@ -35,7 +36,8 @@ from tacevo.records import Completion, Request, token_count
 from tacevo.results.run import RecordedRun
 from tacevo.results.sweep import REFERENCE, RecordedSweep
 from tacevo.rounding import rounded
-from tacevo.storage.store import Store, read_entry
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.store import Store
 from tacevo.text import listed
 from tacevo.typed import convert
 
@@ -155,7 +157,9 @@ def compare_pairs(
             expected=f"arms that ask what {wanted} asks in generation {GENERATION}: equal generations 0 and parents",
             remedy="`tacevo search -m experiment=pairs SETTING=A,B` makes such a sweep (docs/pairs.md)",
         )
-    frame = pd.DataFrame(map(_row, answers), columns=list(ANSWERS)).astype(ANSWERS)
+    lengths = _lengths(answers)
+    measured = [_row(answer) | lengths.get(str(answer.line.request), {}) for answer in answers]
+    frame = pd.DataFrame(measured, columns=list(ANSWERS)).astype(ANSWERS)
     rows = {arm: _comparison(frame[frame.arm == arm], pairs[arm] if arm != wanted else None) for arm in by_arm}
     _correct(rows, ["p"])
     several = any(one.run.config.proposals.answers > 1 for one in sweep.finished)
@@ -214,21 +218,26 @@ def _row(answer: _Answer) -> dict[str, Any]:
         "asked": answer.asked,
         "trained": fitness is not None,
         "loss": None if fitness is None else _log(fitness),
-        **_lengths(answer),
     }
 
 
-def _lengths(answer: _Answer) -> dict[str, int | None]:
-    """Return how long a request and its answer are; nothing where the store does not have them."""
-    path = Store(answer.run.stores, "completions").path(str(answer.line.request))
-    if not path.exists():
-        return {}
-    try:
-        entry = read_entry(path)
-        request = convert(Request, entry.request, place=f"{path}, request", error=StoreError)
-        said = convert(Completion, entry.answer, place=f"{path}, answer", error=StoreError)
-    except StoreError:  # a replay says so
-        return {}
+def _lengths(answers: Sequence[_Answer]) -> dict[str, dict[str, int | None]]:
+    """Return by request how long it and its answer are, as far as the stores have them."""
+    wanted = {str(answer.line.request) for answer in answers}
+    found: dict[str, dict[str, int | None]] = {}
+    for stores in dict.fromkeys(answer.run.stores for answer in answers):
+        for entry in Store(stores, "completions").sound():
+            name = content_hash(entry.request)
+            if name in wanted - found.keys():
+                with contextlib.suppress(StoreError):
+                    found[name] = _length(
+                        convert(Request, entry.request, place="request", error=StoreError),
+                        convert(Completion, entry.answer, place="answer", error=StoreError),
+                    )
+    return found
+
+
+def _length(request: Request, said: Completion) -> dict[str, int | None]:
     turns = [request.system, *(turn.content for turn in request.messages)]
     return {
         "input_characters": sum(map(len, turns)),

@@ -247,6 +247,7 @@ DECIDES: dict[str, Any] = {
     "proposals.repair_attempts": 1,
     "proposals.operator_for": "candidate",
     "proposals.skipped": 0.5,
+    "proposals.answers": 2,
     "training.fitness": "mean_of_3",
     "numerics.kind": "fast",
 }
@@ -288,6 +289,7 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"parts", "code"}  # what a user brought: tests/parts
     listed |= {"llm.label"}  # which stands for the model, below
     listed |= {"llm.space"}  # which decides where there is one: tests/rooms/grammar/test_space.py
+    listed |= {"search.networks"}  # whose texts are the task's, in the header: tests/rooms/pairs
     listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
     listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}

@@ -1,7 +1,8 @@
-"""Arms compared answer by answer: only equal questions are compared, and what is said of them follows from the ledgers."""
+"""Arms compared answer by answer: only equal questions are compared, and what is said of them is in the ledgers."""
 
 import math
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
 
@@ -14,10 +15,13 @@ from smallest import SMALLEST, UNTRACKED
 import tacevo
 from analysis.sweeps.pairs import GENERATION, Pairs, distance, trigrams
 from tacevo.cli.app import main
-from tacevo.errors import ConfigError, RunError
+from tacevo.errors import ConfigError, RunError, StoreError
 from tacevo.evolution.lines import CandidateLine
+from tacevo.records import Request
 from tacevo.results.run import read_run
-from tacevo.storage.store import Store, read_entry
+from tacevo.storage.canonical import content_hash
+from tacevo.storage.store import Store
+from tacevo.typed import convert
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -25,14 +29,30 @@ pytestmark = pytest.mark.timeout(300)
 ONE_STEP = [
     *SMALLEST,
     UNTRACKED,
-    *("search.generations=1", "search.candidates=16", "search.initial=2", "llm.slip_rate=0.2"),
+    *("search.generations=1", "search.candidates=12", "search.initial=2", "llm.slip_rate=0.2"),
     *("proposals.answers=2", "proposals.mutation_probability=1", "proposals.parents=trained"),
 ]
 
 #: The provider answers by the model's name, too.
 ARMS = "llm.model=drawn,another"
 
-GIVEN = "search.networks=[library/force/published]"
+#: A parent; `{}` is its width.
+PARENT = """
+class ImageRegressionCNN(nn.Module):
+    def __init__(self, in_channels=3, num_outputs=3):
+        super().__init__()
+        self.convolution = nn.Conv2d(in_channels, {}, kernel_size=3, stride=2)
+        self.head = nn.Linear({}, num_outputs)
+
+    def forward(self, x):
+        return self.head(torch.relu(self.convolution(x)).mean((2, 3)))
+"""
+
+
+def _given(folder: Path) -> str:
+    for width in (4, 8):
+        (folder / f"width{width}.py").write_text(PARENT.format(width, width))
+    return f"search.networks=[{folder}/width*.py]"
 
 
 def _search(folder: Path, *settings: str) -> Path:
@@ -44,7 +64,8 @@ def _search(folder: Path, *settings: str) -> Path:
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a sweep of two models and two seeds, whose parents are given."""
-    return _search(tmp_path_factory.mktemp("pairs"), ARMS, GIVEN)
+    folder = tmp_path_factory.mktemp("pairs")
+    return _search(folder, ARMS, _given(folder))
 
 
 @pytest.fixture(scope="module")
@@ -65,17 +86,21 @@ def _asked(sweep: Path, arm: str) -> dict[tuple[int, int], CandidateLine]:
     }
 
 
-def test_slots_of_a_question_ask_the_same_and_get_an_answer_each(sweep: Path) -> None:
+def test_slots_of_a_question_ask_the_same_and_get_an_answer_each(sweep: Path, pairs: Pairs) -> None:
     """With `proposals.answers=2` two slots in a row differ in the draw alone, and questions differ from each other."""
     run = read_run(sweep / "llm.model-drawn-seed0")
-    store = Store(run.stores, "completions")
-    lines = [line for line in run.candidates if line.generation == GENERATION]
-    requests = [read_entry(store.path(str(line.request))).request for line in lines]
-    assert all(isinstance(request, dict) for request in requests)
-    questions = [{**request, "draw": 0} for request in requests]  # type: ignore[dict-item]  # it was looked for above
+    recorded = Store(run.stores, "completions").sound()
+    requests = {
+        content_hash(each.request): convert(Request, each.request, place="", error=StoreError) for each in recorded
+    }
+    asked = [requests[str(line.request)] for line in run.candidates if line.generation == GENERATION]
+    questions = [replace(request, draw=0) for request in asked]
     assert questions[::2] == questions[1::2]
-    assert len({request["draw"] for request in requests}) == len(requests)  # type: ignore[index, call-overload]
-    assert len({str(question) for question in questions}) > 1
+    assert len({request.draw for request in asked}) == len(asked)
+    assert len({question.messages for question in questions}) > 1
+    characters = [len(request.system) + len(request.messages[0].content) for request in asked]
+    own = pairs.answers[(pairs.answers.arm == "llm.model=drawn") & (pairs.answers.seed == 0)]
+    assert own.input_characters.tolist() == characters
 
 
 def test_factor_is_that_of_the_ledgers(sweep: Path, pairs: Pairs) -> None:
@@ -88,8 +113,8 @@ def test_factor_is_that_of_the_ledgers(sweep: Path, pairs: Pairs) -> None:
             first, second = map(float, fitness)  # type: ignore[arg-type]  # neither is None
             questions.setdefault((seed, slot // 2), []).append(math.log(first / second))
     row = pairs.arms.loc["llm.model=another"]
-    assert row.pairs == len(own) == 32
-    assert row.questions == len(questions) < 16  # the provider slips
+    assert row.pairs == len(own) == 24
+    assert row.questions == len(questions) < 12  # the provider slips
     assert row.factor == pytest.approx(math.exp(fmean(map(fmean, questions.values()))))
     assert row.factor_low < row.factor < row.factor_high
     assert row.trained == fmean(line.fitness is not None for line in own.values())
@@ -125,8 +150,8 @@ def test_command_writes_its_tables(sweep: Path, tmp_path: Path) -> None:
 
 
 def test_arms_that_ask_nothing_alike_are_refused(tmp_path: Path) -> None:
-    """Where each arm has first networks of its own, no two questions are equal, and nothing is compared."""
-    opened = tacevo.open(_search(tmp_path, ARMS))
+    """Where no arm has a generation after generation 0, no two questions are equal, and nothing is compared."""
+    opened = tacevo.open(_search(tmp_path, ARMS, "search.generations=0"))
     assert isinstance(opened, tacevo.Sweep)
     with refused(RunError, got="no two answers"):
         opened.pairs()
@@ -153,7 +178,7 @@ def test_networks_that_cannot_start_a_search_are_refused(source: str | None, exp
         (tmp_path / "net.py").write_text(source)
     settings = [f"search.networks=[{tmp_path / 'net.py'}]", f"store.root={tmp_path / 'cache'}"]
     with refused(ConfigError, place="networks", expected=expected):
-        tacevo.search([*ONE_STEP, *settings, f"run.dir={tmp_path / 'run'}"])
+        tacevo.search(*ONE_STEP, *settings, f"run.dir={tmp_path / 'run'}")
     assert not (tmp_path / "run" / "ledger.jsonl").exists()
 
 
