@@ -83,6 +83,22 @@ class SystemTurn(StrEnum):
     user = "user"
 
 
+class Carrier(StrEnum):
+    """The carrier of a request's temperature T: what of the request T decides."""
+
+    #: The sampling temperature, as in the paper.
+    parameter = "parameter"
+    #: One of five sentences of the task's library, which say how far to depart from the parent.
+    words = "words"
+    #: The model's effort.
+    effort = "effort"
+    #: Nothing: T is nominal.
+    none = "none"
+
+
+#: The efforts that models know, from the lowest; most know some of them only.
+EFFORTS = ("low", "medium", "high", "xhigh", "max")
+
 #: Sampling settings that reach a request only where they are set, in the order of their names.
 OPTIONAL_SAMPLING = ("stop_sequences", "thinking_tokens", "top_k", "top_p")
 

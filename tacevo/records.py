@@ -164,8 +164,9 @@ class Request(Record):
     model: str
     system: str
     messages: tuple[ChatMessage, ...]
-    #: Sampling temperature in [0, 1].
-    temperature: float
+    #: Sampling temperature in [0, 1]; None where none is sent, because words, effort or nothing carry T
+    #: (`tacevo.choices.Carrier`).
+    temperature: float | None
     max_tokens: int
     #: The number of this draw of an otherwise equal request, so that equal prompts give distinct answers.
     draw: int
@@ -329,6 +330,11 @@ class Task(Record):
     #: The networks that generation 0 holds beside the baseline, in place of mutations of it; empty where it holds
     #: those.
     given: tuple[Given, ...] = ()
+    #: The sentences that carry a temperature in words, from the least departure to the boldest; empty where words do
+    #: not carry it.
+    boldness: tuple[str, ...] = ()
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"boldness"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

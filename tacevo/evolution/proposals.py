@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from tacevo import parts
-from tacevo.choices import OperatorScope, SystemTurn
+from tacevo.choices import Carrier, OperatorScope, SystemTurn
 from tacevo.evolution.archive import Archive
+from tacevo.evolution.carriers import Carried, carry
 from tacevo.evolution.prompts import (
     PromptArchive,
     crossover_text,
@@ -70,6 +71,9 @@ class Settings:
     max_tokens: int
     #: Further settings of the provider, for every request.
     llm: tuple[tuple[str, Setting], ...] = ()
+    #: The carrier of a request's temperature, and the efforts that it may choose from, rising.
+    carrier: Carrier = Carrier.parameter
+    efforts: tuple[str, ...] = ()
     #: The place of the task's system prompt in a request.
     system: SystemTurn = SystemTurn.system
     #: The scope of one draw of the operator.
@@ -93,6 +97,8 @@ class Proposal:
     request: Request | None
     #: The source, where no model is asked for it.
     source: str = ""
+    #: The temperature of the request, and what the request holds of it; None without a request.
+    carried: Carried | None = None
 
     @property
     def id(self) -> str:
@@ -140,8 +146,7 @@ def plan_generation(
     numbers = range(settings.candidates)
     slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]
     if not settings.parents.has_parents:
-        text = sample_text(task.baseline)
-        return tuple(_asking(task, settings, slot, operator=Operator.sample, parents=(), text=text) for slot in slots)
+        return tuple(_sample(task, settings, slot) for slot in slots)
     parents = settings.parents.pool(population) or [_founder(task)]
     return tuple(
         _mutation(task, settings, slot, parents, prompts)
@@ -192,14 +197,23 @@ def _mutation(
     (parent,) = parents = _parents_of(settings, slot, pool, 1)
     rng = stream(settings.seed, "prompt", slot.generation, slot.number)
     prompt = settings.prompts.draw(prompts.history, slot.prompts, rng)
-    text = mutation_text(parent.source, task.instructions[prompt].text)
-    return _asking(task, settings, slot, operator=Operator.mutation, parents=parents, text=text, prompt=prompt)
+    carried = _carried(settings, slot, task.boldness)
+    text = mutation_text(parent.source, task.instructions[prompt].text, boldness=carried.words)
+    return _asking(
+        task, settings, slot, operator=Operator.mutation, parents=parents, text=text, prompt=prompt, carried=carried
+    )
 
 
 def _crossover(task: Task, settings: Settings, slot: _Slot, pool: Sequence[parts.Candidate]) -> Proposal:
     first, second = parents = _parents_of(settings, slot, pool, 2)
-    text = crossover_text(first.source, second.source, task.crossover)
-    return _asking(task, settings, slot, operator=Operator.crossover, parents=parents, text=text)
+    carried = _carried(settings, slot, task.boldness)
+    text = crossover_text(first.source, second.source, task.crossover, boldness=carried.words)
+    return _asking(task, settings, slot, operator=Operator.crossover, parents=parents, text=text, carried=carried)
+
+
+def _sample(task: Task, settings: Settings, slot: _Slot) -> Proposal:
+    text, carried = sample_text(task.baseline), _carried(settings, slot, ())
+    return _asking(task, settings, slot, operator=Operator.sample, parents=(), text=text, carried=carried)
 
 
 def _parents_of(
@@ -218,23 +232,24 @@ def _asking(
     operator: Operator,
     parents: Sequence[parts.Candidate],
     text: str,
+    carried: Carried,
     prompt: int | None = None,
 ) -> Proposal:
-    """Propose to ask a model, at T = clip(T_g + eps, 0, 1); the draw number belongs to the slot alone.
+    """Propose to ask a model; the draw number belongs to the slot alone.
 
     So two slots that ask the same question get two answers, while two arms of an ablation that ask it in the
     same slot under the same seed share one.
     """
     where, joined = (slot.generation, slot.number), settings.system is SystemTurn.user
-    noise = stream(settings.seed, "temperature", *where).uniform(-settings.jitter, settings.jitter)
+    effort: tuple[tuple[str, Setting], ...] = () if carried.effort is None else (("effort", carried.effort),)
     request = Request(
         model=settings.model,
         system="" if joined else task.system,
         messages=(ChatMessage(role="user", content=f"{task.system}\n\n{text}" if joined else text),),
-        temperature=clip(slot.temperature + noise),
+        temperature=carried.parameter,
         max_tokens=settings.max_tokens,
         draw=derived_seed(settings.seed, "draw", *where) % 2**31,
-        settings=settings.llm,
+        settings=tuple(sorted((*settings.llm, *effort))),
     )
     return Proposal(
         generation=slot.generation,
@@ -243,4 +258,12 @@ def _asking(
         parents=tuple(parent.id for parent in parents),
         prompt=prompt,
         request=request,
+        carried=carried,
     )
+
+
+def _carried(settings: Settings, slot: _Slot, sentences: Sequence[str]) -> Carried:
+    """Draw the temperature of a request, T = clip(T_g + eps, 0, 1), and let its carrier have it."""
+    rng = stream(settings.seed, "temperature", slot.generation, slot.number)
+    temperature = clip(slot.temperature + rng.uniform(-settings.jitter, settings.jitter))
+    return carry(temperature, by=settings.carrier, sentences=sentences, efforts=settings.efforts)

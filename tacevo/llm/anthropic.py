@@ -94,7 +94,9 @@ def secrets_of(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> tuple[
 
 def body_of(request: Request, dropped: tuple[str, ...]) -> Body:
     """Write a request as the Messages API wants it; the draw number stays here: it is not a setting of a model."""
-    settings: dict[str, Json] = {"temperature": request.temperature, **dict(request.settings)}
+    settings: dict[str, Json] = dict(request.settings)
+    if request.temperature is not None:
+        settings["temperature"] = request.temperature
     thinking = settings.pop("thinking_tokens", None)
     if thinking is not None:
         settings["thinking"] = {"type": "enabled", "budget_tokens": thinking}

@@ -21,9 +21,9 @@ from anthropic.types.messages import MessageBatchIndividualResponse, MessageBatc
 from anthropic.types.messages.batch_create_params import Request as BatchRequest
 
 from tacevo.errors import ConfigError, StoreError, TransportError
-from tacevo.llm.anthropic import FAILURES, body_of, secrets_of
+from tacevo.llm.anthropic import FAILURES, AnthropicServer, body_of, secrets_of
 from tacevo.llm.bodies import read_message
-from tacevo.llm.failures import Failures, Models
+from tacevo.llm.failures import Failures, Models, settings_of
 from tacevo.llm.recording import unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_connection, fault_of_status
 from tacevo.parts.provider import Keep
@@ -214,7 +214,7 @@ class BatchLLM:
 
 
 def _settings(request: Request) -> set[str]:
-    return {"temperature", *dict(request.settings)}
+    return settings_of(request, AnthropicServer.sampling)
 
 
 def _read_outcome(outcome: MessageBatchResult, batch: str) -> Completion | Fault:

@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field, replace
 
 from tacevo.errors import ConfigError, TransportError
@@ -198,6 +198,15 @@ class Failures:
         if fault.kind is FaultKind.request or self.models.answered_since(request, fault.at):
             return True
         return Counter(other.message for _, _, other in self._all)[fault.message] == 1
+
+
+def settings_of(request: Request, always: Iterable[str]) -> set[str]:
+    """Return the names of the settings that a request is sent with: its own, and those that every request has.
+
+    A temperature that is carried otherwise is not among them.
+    """
+    lacking = {"temperature"} if request.temperature is None else set()
+    return {*always, *dict(request.settings)} - lacking
 
 
 def check_key(key: str, variable: str) -> None:

@@ -23,7 +23,7 @@ from typing import Any, Protocol, TypeVar
 
 import httpx2
 
-from tacevo.llm.failures import Failures, Models
+from tacevo.llm.failures import Failures, Models, settings_of
 from tacevo.llm.recording import ever_answered, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.llm.wire import HOOKS, SENDING, Sending, certificates, check_proxies
@@ -233,7 +233,7 @@ class _Asking:
     async def _ask(self, request: Request) -> Completion | Fault:
         """Try until there is an answer, or no use in trying."""
         secrets, tried, task = self.server.secrets, 0, asyncio.current_task()
-        wanted = {*self.server.sampling, *dict(request.settings)}
+        wanted = settings_of(request, self.server.sampling)
         while True:
             dropped = tuple(name for name in self.models.dropped(request) if name in wanted)
             tried += 1
