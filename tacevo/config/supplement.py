@@ -78,8 +78,7 @@ def read_supplement(path: Path, task: str, ours: Mapping[str, Json]) -> dict[str
     """Read a task's prompts, `force` or `grating`, out of the supplement.
 
     The page has nothing but mutations, so the rest of a library, as the instruction for a crossover, is `ours`. Where
-    the authors' prompt holds the
-    instruction and the parent's code, it refers to the next message, which has both.
+    the authors' prompt holds the instruction and the parent's code, it refers to the next message, which has both.
 
     Returns:
         The texts of the files `instructions` (YAML) and `system` (a template, with `$` as `$$`).
