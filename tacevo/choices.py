@@ -96,8 +96,22 @@ class Carrier(StrEnum):
     none = "none"
 
 
-#: The efforts that models know, from the lowest; most know some of them only.
-EFFORTS = ("low", "medium", "high", "xhigh", "max")
+class Effort(StrEnum):
+    """The effort that a model is asked to put into an answer, from the least to the most."""
+
+    low = "low"
+    medium = "medium"
+    high = "high"
+    xhigh = "xhigh"
+    max = "max"
+
+
+class Thinking(StrEnum):
+    """Whether a model thinks before it answers: as much as it decides itself, or not at all."""
+
+    adaptive = "adaptive"
+    disabled = "disabled"
+
 
 #: Sampling settings that reach a request only where they are set, in the order of their names.
 OPTIONAL_SAMPLING = ("stop_sequences", "thinking_tokens", "top_k", "top_p")

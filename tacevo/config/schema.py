@@ -15,12 +15,12 @@ from pydantic import AfterValidator, BeforeValidator
 from pydantic_core import PydanticCustomError
 
 from tacevo.choices import (
-    EFFORTS,
     PAPER_AXES,
     BoundsRule,
     Carrier,
     Confinement,
     Device,
+    Effort,
     GratingClasses,
     Layout,
     LightScene,
@@ -80,7 +80,6 @@ Part = Annotated[str, is_a("the name of a part", re.compile(r"[A-Za-z][\w-]*").f
 Identifier = Annotated[str, is_a("a name that Python allows", str.isidentifier)]
 #: A number may be written without quotes.
 Column = Annotated[Text, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
-Effort = Annotated[str, is_a(f"one of {', '.join(EFFORTS)}", EFFORTS.__contains__)]
 Pattern = Annotated[str, is_a("a regular expression, in quotes", _is_pattern)]
 
 
@@ -270,7 +269,7 @@ class TemperatureConfig(Record):
     #: What carries it to the model: `parameter`, which many models refuse, `words`, `effort` or `none`.
     carrier: Carrier = Carrier.parameter
     #: With `carrier=effort`: the efforts that it chooses from, rising; the model must take them all.
-    efforts: tuple[Effort, ...] = ("low", "medium", "high", "max")
+    efforts: tuple[Effort, ...] = (Effort.low, Effort.medium, Effort.high, Effort.max)
 
     LATER: ClassVar[frozenset[str]] = frozenset({"carrier", "efforts"})
 

@@ -7,7 +7,7 @@ library instead, or the model's effort. Each of several equal parts of [0, 1] st
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tacevo.choices import Carrier
+from tacevo.choices import Carrier, Effort
 
 #: The number of sentences that carry a temperature.
 LEVELS = 5
@@ -25,10 +25,10 @@ class Carried:
     level: int | None = None
     #: The paragraph of the user message that holds the sentence, with the blank line behind it; else empty.
     words: str = ""
-    effort: str | None = None
+    effort: Effort | None = None
 
 
-def carry(temperature: float, *, by: Carrier, sentences: Sequence[str], efforts: Sequence[str]) -> Carried:
+def carry(temperature: float, *, by: Carrier, sentences: Sequence[str], efforts: Sequence[Effort]) -> Carried:
     """Return what a request holds of a temperature in [0, 1].
 
     Args:

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
-from tacevo.choices import Carrier
+from tacevo.choices import Carrier, Effort
 from tacevo.evolution.archive import AddStatus, AxisBounds
 from tacevo.parts import Fitness
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
@@ -77,7 +77,7 @@ class CandidateLine(Record):
     #: where it carried none.
     carrier: Carrier = Carrier.parameter
     level: int | None = None
-    effort: str | None = None
+    effort: Effort | None = None
     #: SHA-256 of what the model said; None where none was asked.
     answer: str | None
     dropped: tuple[str, ...] = ()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from tacevo import parts
-from tacevo.choices import Carrier, OperatorScope, SystemTurn
+from tacevo.choices import Carrier, Effort, OperatorScope, SystemTurn
 from tacevo.evolution.archive import Archive
 from tacevo.evolution.carriers import Carried, carry
 from tacevo.evolution.prompts import (
@@ -73,7 +73,7 @@ class Settings:
     llm: tuple[tuple[str, Setting], ...] = ()
     #: The carrier of a request's temperature, and the efforts that it may choose from, rising.
     carrier: Carrier = Carrier.parameter
-    efforts: tuple[str, ...] = ()
+    efforts: tuple[Effort, ...] = ()
     #: The place of the task's system prompt in a request.
     system: SystemTurn = SystemTurn.system
     #: The scope of one draw of the operator.
@@ -241,7 +241,7 @@ def _asking(
     same slot under the same seed share one.
     """
     where, joined = (slot.generation, slot.number), settings.system is SystemTurn.user
-    effort: tuple[tuple[str, Setting], ...] = () if carried.effort is None else (("effort", carried.effort),)
+    effort: tuple[tuple[str, Setting], ...] = () if carried.effort is None else (("effort", carried.effort.value),)
     request = Request(
         model=settings.model,
         system="" if joined else task.system,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tacevo.choices import EFFORTS
+from tacevo.choices import Effort
 from tacevo.errors import ConfigError
 from tacevo.evolution.carriers import LEVELS
 from tacevo.evolution.prompts import sample_text
@@ -106,9 +106,8 @@ def strength(request: Request) -> float:
     """
     if request.temperature is not None:
         return request.temperature
-    effort = dict(request.settings).get("effort")
-    if effort in EFFORTS:
-        return (EFFORTS.index(str(effort)) + 0.5) / len(EFFORTS)
+    if (effort := dict(request.settings).get("effort")) is not None:
+        return ([*Effort].index(Effort(str(effort))) + 0.5) / len(Effort)
     words = _BOLDNESS.search(request.messages[0].content)
     return UNSAID if words is None else (int(words[1]) - 0.5) / LEVELS
 
