@@ -14,7 +14,7 @@ from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED
 from analysis.table import Cell, HalfInteger, Layout, Percent, PValue, Table, interval_cell, percent_interval_cell
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.followed_plan import plan_notes
-from analysis.tables.grammar_note import grammar_note
+from analysis.tables.grammar_note import carrier_notes, grammar_note
 from tacevo.choices import ChosenBy
 from tacevo.config.identity import twins_of
 from tacevo.evolution.chance import is_at_chance
@@ -328,9 +328,10 @@ def divergence(unequal: Sequence[tuple[str, str]]) -> str:
 
 
 def temperature_notes(sweep: RecordedSweep) -> tuple[str, ...]:
-    """Say what a temperature of the grammar is where arms differ in it."""
-    differ = len({one.run.config.temperature for one in sweep.finished}) > 1
-    return grammar_note([one.run for one in sweep.finished]) if differ else ()
+    """Say what carries temperatures, and what one of the grammar is, where arms differ in them."""
+    runs = [one.run for one in sweep.finished]
+    differ = len({run.config.temperature for run in runs}) > 1
+    return (*carrier_notes(runs), *grammar_note(runs)) if differ else ()
 
 
 def _rank_note(sweep: RecordedSweep, ablation: Ablation, metric: Metric) -> list[str]:

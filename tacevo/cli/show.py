@@ -189,7 +189,8 @@ def _fields(line: CandidateLine, axes: Sequence[str]) -> str:
     )
     rows = [[key, _value(value)] for key, value in fields.items() if value is not None]
     if line.temperature is not None and line.sent_temperature is None:
-        planned = f"not sent: the model refuses it ({_value(line.temperature)} was planned)"
+        why = "the model refuses it" if TEMPERATURE in line.dropped else f"temperature.carrier={line.carrier}"
+        planned = f"not sent: {why} ({_value(line.temperature)} was planned)"
         rows = [[key, planned if key == TEMPERATURE else value] for key, value in rows]
     return table(["field", "value"], sorted(rows))
 

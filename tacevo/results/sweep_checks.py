@@ -7,6 +7,7 @@ in all of them, or a difference between two arms would be one of data, of budget
 import json
 from collections.abc import Callable
 
+from tacevo.choices import Carrier
 from tacevo.errors import IncomparableError
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.evolution.run_files import rules_in_words
@@ -57,8 +58,11 @@ def check_sweep(sweep: RecordedSweep) -> None:
 
 
 def _check_temperatures(sweep: RecordedSweep, one: FinishedJob, two: FinishedJob) -> None:
-    """Check that two jobs do not differ in temperatures that were never sent to the model."""
-    idle = [job for job in (one, two) if TEMPERATURE in job.run.not_sent]
+    """Check that two jobs do not differ in temperatures that the model of one refused.
+
+    One that was not to be sent is an arm like any other.
+    """
+    idle = [job for job in (one, two) if TEMPERATURE in job.run.not_sent and job.run.carrier is not Carrier.none]
     if idle and one.run.config.temperature != two.run.config.temperature:
         raise IncomparableError(
             f"different ones in {one.job.name} and {two.job.name}, and in {idle[0].job.name} "
