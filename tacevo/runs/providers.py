@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from tacevo.choices import OPTIONAL_SAMPLING
+from tacevo.choices import OPTIONAL_SAMPLING, Carrier
 from tacevo.config.arms import GROUP, read_arm, split_arm
 from tacevo.config.chosen import part_of
 from tacevo.config.conf_folder import config_file, read_named
@@ -20,16 +20,20 @@ from tacevo.errors import ConfigError
 from tacevo.evolution.development import LLM
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.llm.budget import Account, BudgetedLLM
+from tacevo.llm.capabilities import known_capabilities, takes_temperature, thinks
 from tacevo.llm.prices import PriceTable
-from tacevo.llm.recording import RecordingLLM, ever_refused, unkept
+from tacevo.llm.recording import RecordingLLM, unkept
 from tacevo.parts.kinds import PROVIDERS
 from tacevo.parts.provider import Provider
 from tacevo.records import Json, Mode, Price, Setting, to_json
 from tacevo.redaction import names_place, without_password
-from tacevo.storage.canonical import canonical, content_hash
-from tacevo.storage.store import Store, Stores
-from tacevo.text import counted
+from tacevo.storage.canonical import canonical, content_hash, leaves
+from tacevo.storage.store import Stores
+from tacevo.text import counted, listed
 from tacevo.typed import parse
+
+#: The setting of what carries a temperature.
+CARRIER = f"{TEMPERATURE}.carrier"
 
 
 def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) -> LLM:
@@ -121,25 +125,69 @@ def _unlabelled(llm: LLMConfig) -> str | None:
 
 
 def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
-    """Check that the model takes a temperature, if temperatures are compared, as far as the recorded answers say.
+    """Check that a temperature reaches the model, if temperatures are compared, as far as the stores say.
 
-    The overrides are what tells a search apart from those that it is compared with, among them its arm. An answer
-    counts if it was given to the same model, token limit and settings.
+    The overrides are what tells a search apart from those that it is compared with, among them its arm.
 
     Raises:
-        ConfigError: they set a temperature, and the model refuses it.
+        ConfigError: they set a temperature, and nothing carries it: `temperature.carrier=none`, or the model refuses
+            it.
     """
     choice, others = split_arm(overrides)
-    settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
-    settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
-    llm = config.llm
-    chosen = (llm.name, llm.max_tokens, provider_settings(llm, config.own_settings(llm.provider)))
-    if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
+    of_arm = [key for key, _ in leaves(read_arm(choice)) if _is_of_temperature(key)]
+    chosen = [each for each in others if _is_of_temperature(each.partition("=")[0])]
+    settings = [*([f"{GROUP}={choice}"] if of_arm else []), *chosen]
+    moved = [key for key in (*of_arm, *chosen) if key.partition("=")[0] != CARRIER]
+    if moved and config.temperature.carrier is Carrier.none:
         raise ConfigError(
-            f"{llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
+            f"{CARRIER}=none, with which this is the same search under another name",
             place=" ".join(settings),
+            expected="a carrier of the temperature",
+            remedy=f"leave the setting out, or set {CARRIER}=words, effort or parameter",
+        )
+    if settings:
+        check_carrier(config)
+
+
+def _is_of_temperature(key: str) -> bool:
+    return key.partition(".")[0] == TEMPERATURE
+
+
+def check_carrier(config: RunConfig) -> None:
+    """Check that what carries the temperature of a search can act on its model, as far as the stores say.
+
+    An answer counts if it was given to the same model, token limit and settings.
+
+    Raises:
+        ConfigError: the model refuses temperatures, or an effort.
+        StoreError: what is recorded of the model is damaged.
+    """
+    llm, temperature = config.llm, config.temperature
+    settings = provider_settings(llm, config.own_settings(llm.provider))
+    stores = Stores(Path(config.store.root))
+    known = known_capabilities(
+        stores.of("models", Mode.replay),
+        stores.of("completions", Mode.replay),
+        llm.provider,
+        (llm.name, llm.max_tokens, settings),
+    )
+    if temperature.carrier is Carrier.parameter and takes_temperature(known, settings) is False:
+        raise ConfigError(
+            f"{llm.name}, which takes no temperature" + (" while it thinks" if thinks(settings) else ""),
+            place=f"{CARRIER}=parameter",
             expected="a model that takes a temperature",
-            remedy="leave the setting out, or choose another llm.model",
+            remedy=f"set {CARRIER}=words (it chooses a sentence of the task's library), effort (it chooses the model's "
+            "effort) or none (nothing is sent), or choose another llm.model",
+        )
+    lacking = [effort for effort in temperature.efforts if known.efforts is not None and effort not in known.efforts]
+    if temperature.carrier is Carrier.effort and lacking:
+        taken = known.efforts or ()
+        remedy = f"set temperature.efforts=[{','.join(taken)}]" if len(taken) > 1 else f"set {CARRIER}=words or none"
+        raise ConfigError(
+            f"{listed(lacking)}, which {llm.name} does not take",
+            place="temperature.efforts",
+            expected=f"some of {listed(taken)}" if taken else "a model with efforts",
+            remedy=remedy,
         )
 
 
