@@ -241,6 +241,8 @@ DECIDES: dict[str, Any] = {
     "archive.eff_ratio_bounds": [0.0, 5.0],
     "archive.eff_ratio_scale": "linear",
     "temperature.rule": "stall",
+    "temperature.carrier": "words",
+    "temperature.efforts": ["low", "max"],
     "prompts.policy": "curiosity",
     "prompts.pool": 5,
     "proposals.parents": "best",
