@@ -95,9 +95,13 @@ def secrets_of(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> tuple[
 def body_of(request: Request, dropped: tuple[str, ...]) -> Body:
     """Write a request as the Messages API wants it; the draw number stays here: it is not a setting of a model."""
     settings: dict[str, Json] = {"temperature": request.temperature, **dict(request.settings)}
-    thinking = settings.pop("thinking_tokens", None)
-    if thinking is not None:
-        settings["thinking"] = {"type": "enabled", "budget_tokens": thinking}
+    tokens = settings.pop("thinking_tokens", None)
+    if tokens is not None:
+        settings["thinking"] = {"type": "enabled", "budget_tokens": tokens}
+    elif "thinking" in settings:
+        settings["thinking"] = {"type": settings["thinking"]}
+    if "effort" in settings:
+        settings["output_config"] = {"effort": settings.pop("effort")}
     return {
         "model": request.model,
         **({"system": request.system} if request.system else {}),
