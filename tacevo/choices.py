@@ -114,7 +114,7 @@ class Thinking(StrEnum):
 
 
 #: Sampling settings that reach a request only where they are set, in the order of their names.
-OPTIONAL_SAMPLING = ("stop_sequences", "thinking_tokens", "top_k", "top_p")
+OPTIONAL_SAMPLING = ("effort", "stop_sequences", "thinking", "thinking_tokens", "top_k", "top_p")
 
 
 #: The axes of the paper. A recorded run whose configuration names none has these.

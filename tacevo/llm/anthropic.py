@@ -97,9 +97,13 @@ def body_of(request: Request, dropped: tuple[str, ...]) -> Body:
     settings: dict[str, Json] = dict(request.settings)
     if request.temperature is not None:
         settings["temperature"] = request.temperature
-    thinking = settings.pop("thinking_tokens", None)
-    if thinking is not None:
-        settings["thinking"] = {"type": "enabled", "budget_tokens": thinking}
+    tokens = settings.pop("thinking_tokens", None)
+    if tokens is not None:
+        settings["thinking"] = {"type": "enabled", "budget_tokens": tokens}
+    elif "thinking" in settings:
+        settings["thinking"] = {"type": settings["thinking"]}
+    if "effort" in settings:
+        settings["output_config"] = {"effort": settings.pop("effort")}
     return {
         "model": request.model,
         **({"system": request.system} if request.system else {}),

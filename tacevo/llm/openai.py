@@ -130,6 +130,9 @@ def body_of(request: Request, dropped: tuple[str, ...], *, limit_name: str) -> B
     stop = settings.pop("stop_sequences", None)
     if stop is not None:
         settings["stop"] = stop
+    effort = settings.pop("effort", None)
+    if effort is not None:
+        settings["reasoning_effort"] = effort
     return {
         "model": request.model,
         "messages": [*system, *({"role": turn.role, "content": turn.content} for turn in request.messages)],

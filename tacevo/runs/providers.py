@@ -200,7 +200,10 @@ def provider_settings(llm: LLMConfig, own: Mapping[str, Json] | None = None) -> 
         slips: tuple[str, Setting] = ("slip_rate", llm.slip_rate)
         return (slips,) if llm.space is None else (slips, ("space", content_hash(to_json(llm.space))))
     chosen = {key: getattr(llm, key) for key in OPTIONAL_SAMPLING}
-    sampling = {key: tuple(value) if isinstance(value, list) else value for key, value in chosen.items() if value}
+    if isinstance(llm.thinking, int):  # the key of such requests is that of their older name
+        chosen |= {"thinking": None, "thinking_tokens": llm.thinking}
+    sampling: dict[str, Setting] = {key: to_json(value) for key, value in chosen.items() if value}
+    sampling = {key: tuple(value) if isinstance(value, list) else value for key, value in sampling.items()}
     more = {name: canonical(value) for name, value in (own or {}).items()}
     return tuple(sorted((sampling | more).items()))
 
