@@ -112,6 +112,8 @@ class BatchLLM:
         known = [(path, _read(path)) for path in sorted(directory.glob("*.json"))]
         submitted = [(path, record) for path, record in known if record.dropped.keys() & wanted.keys()]
         left = [key for key in wanted if all(key not in record.dropped for _, record in submitted)]
+        # One goes ahead for each choice of settings that may be refused, so that a refusal costs one request.
+        left = [key for key in left if self.models.is_doubted(wanted[key][1])][:1] or left
         for start in range(0, len(left), MOST_REQUESTS):
             asked = {key: wanted[key][1] for key in left[start : start + MOST_REQUESTS]}
             dropped = {

@@ -7,6 +7,7 @@ learnt from what a server refuses.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from typing import Protocol
 
 from tacevo.choices import Effort, Thinking
 from tacevo.errors import StoreError
@@ -21,9 +22,6 @@ BUDGETED = "enabled"
 #: All kinds of thinking.
 THINKINGS = (Thinking.adaptive.value, Thinking.disabled.value, BUDGETED)
 
-#: The settings of a request that ask a model to think.
-_ASKING_TO_THINK = ("thinking", "thinking_tokens")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capabilities(Record):
@@ -37,6 +35,18 @@ class Capabilities(Record):
     thinkings: tuple[str, ...] | None = None
     #: The day from which on it is not served any more, as `YYYY-MM-DD`.
     retires: str | None = None
+
+
+class Catalogue(Protocol):
+    """What a provider knows of its models beside their answers."""
+
+    def ask(self, model: str) -> Json:
+        """Ask a server what a model takes, once; None where it does not say, for whatever reason."""
+        ...
+
+    def end(self, model: str) -> str | None:
+        """Return the day from which on a model is not served any more, as `YYYY-MM-DD`; None where none is known."""
+        ...
 
 
 def read_capabilities(told: Json) -> Capabilities:
@@ -94,9 +104,20 @@ def known_capabilities(models: Store, completions: Store, provider: str, chosen:
 
 
 def thinks(settings: tuple[tuple[str, Setting], ...]) -> bool:
-    """Answer whether the settings of a request ask the model to think; then the Messages API takes no temperature."""
-    asked = dict(settings)
-    return any(asked.get(name, Thinking.disabled) != Thinking.disabled for name in _ASKING_TO_THINK)
+    """Answer whether `llm.thinking` asks the model to think; then the Messages API takes no temperature.
+
+    Requests with its older name `thinking_tokens` are sent as they always were: with one, and then without.
+    """
+    return dict(settings).get("thinking", Thinking.disabled) != Thinking.disabled
+
+
+def takes_settings(known: Capabilities, settings: Mapping[str, Setting]) -> bool | None:
+    """Answer whether a model takes the effort and the thinking of a request; None where one of them is not known."""
+    thinking = settings.get("thinking", settings.get("thinking_tokens"))
+    kind = thinking if thinking is None or isinstance(thinking, str) else BUDGETED
+    asked = ((settings.get("effort"), known.efforts), (kind, known.thinkings))
+    verdicts = [None if taken is None else value in taken for value, taken in asked if value is not None]
+    return False if False in verdicts else None if None in verdicts else True
 
 
 def takes_temperature(known: Capabilities, settings: tuple[tuple[str, Setting], ...]) -> bool | None:

@@ -1,10 +1,11 @@
 """The LLM of a run, built from its configuration: provider, budget and store, one before the other."""
 
 import json
+import logging
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
@@ -20,20 +21,33 @@ from tacevo.errors import ConfigError
 from tacevo.evolution.development import LLM
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.llm.budget import Account, BudgetedLLM
-from tacevo.llm.capabilities import known_capabilities, takes_temperature, thinks
+from tacevo.llm.capabilities import (
+    BUDGETED,
+    Capabilities,
+    known_capabilities,
+    recorded_capabilities,
+    takes_temperature,
+    thinks,
+)
+from tacevo.llm.described import DescribedLLM
 from tacevo.llm.prices import PriceTable
-from tacevo.llm.recording import RecordingLLM, unkept
+from tacevo.llm.recording import RecordingLLM
 from tacevo.parts.kinds import PROVIDERS
 from tacevo.parts.provider import Provider
-from tacevo.records import Json, Mode, Price, Setting, to_json
+from tacevo.records import Completion, Json, Mode, Price, Request, Setting, to_json
 from tacevo.redaction import names_place, without_password
 from tacevo.storage.canonical import canonical, content_hash, leaves
-from tacevo.storage.store import Stores
+from tacevo.storage.store import Store, Stores
 from tacevo.text import counted, listed
 from tacevo.typed import parse
 
+_LOG = logging.getLogger(__name__)
+
 #: The setting of what carries a temperature.
 CARRIER = f"{TEMPERATURE}.carrier"
+
+#: The kind of thinking that a user writes as a number.
+_THINKING = {BUDGETED: "a number of tokens"}
 
 
 def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) -> LLM:
@@ -48,20 +62,89 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
     llm, root = config.llm, Path(config.store.root)
     stores = stores or Stores(root)
     if mode is Mode.replay or llm.mode is Mode.replay:
+        # It decides nothing in a replay, which reads it so that a bundle has it.
+        recorded_capabilities(stores.of("models", Mode.replay), llm.provider, llm.name)
         return RecordingLLM(None, stores.of("completions", Mode.replay))
     prices = prices_of(llm)
     provider: Provider = part_of(config, PROVIDERS, prices=prices)
-    account = Account(prices.price_of)
+    account, begun = Account(prices.price_of), _Begun()
+    provider = _described(config, provider, stores.of("models", llm.mode), begun)
     if llm.budget_usd is not None:
         provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
+
+    def note(request: Request, completion: Completion) -> None:
+        begun.note(completion)
+        if llm.budget_usd is not None:
+            account.add(request, completion)
+
     return RecordingLLM(
         provider,
         stores.of("completions", llm.mode),
         price=prices.price_of,
-        count=unkept if llm.budget_usd is None else account.add,
+        count=note,
         elsewhere=asks_elsewhere(llm),
         unlabelled=_unlabelled(llm),
     )
+
+
+@dataclass(slots=True)
+class _Begun:
+    """Whether an answer of a run came without the temperature, because its model refuses it; such a run goes on so."""
+
+    is_without: bool = False
+
+    def note(self, completion: Completion) -> None:
+        """Note an answer, recorded or new."""
+        self.is_without |= TEMPERATURE in completion.dropped
+
+
+def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begun) -> Provider:
+    """Let a provider of models be asked only once what its model takes has been checked."""
+    llm, models = config.llm, getattr(provider, "models", None)  # of ours, each has what it knows of its models
+    if models is None:
+        return provider
+
+    def check(known: Capabilities) -> None:
+        models.known = known
+        check_asked(config, known)
+        if not begun.is_without:
+            check_carrier(config)
+
+    return DescribedLLM(
+        provider,
+        models.catalogue,
+        store=store,
+        mode=llm.mode,
+        provider=llm.provider,
+        model=llm.name,
+        served_as=llm.model,
+        check=check,
+    )
+
+
+def check_asked(config: RunConfig, known: Capabilities) -> None:
+    """Check that a model takes what a run is to ask it for, before the first request; warn of a model that ends.
+
+    What is not known is learnt from what the server refuses.
+
+    Raises:
+        ConfigError: it does not take `llm.effort` or `llm.thinking`; the error names what it takes.
+    """
+    llm = config.llm
+    if known.retires is not None:
+        _LOG.warning("llm.model=%s is not served from %s on: choose another model", llm.model, known.retires)
+    kind = BUDGETED if isinstance(llm.thinking, int) or llm.thinking_tokens else llm.thinking
+    kinds = None if known.thinkings is None else [_THINKING.get(each, each) for each in known.thinkings]
+    key = "llm.thinking" if llm.thinking is not None else "llm.thinking_tokens"
+    asked = (("llm.effort", llm.effort, known.efforts), (key, kind and _THINKING.get(kind, kind), kinds))
+    for place, value, taken in asked:
+        if value is not None and taken is not None and value not in taken:
+            raise ConfigError(
+                f"{value}, which {llm.model} does not take",
+                place=place,
+                expected=f"{listed(taken)}, or null" if taken else "null",
+                remedy="change the setting, or choose another llm.model",
+            )
 
 
 def asks_elsewhere(llm: LLMConfig) -> bool:
@@ -200,8 +283,6 @@ def provider_settings(llm: LLMConfig, own: Mapping[str, Json] | None = None) -> 
         slips: tuple[str, Setting] = ("slip_rate", llm.slip_rate)
         return (slips,) if llm.space is None else (slips, ("space", content_hash(to_json(llm.space))))
     chosen = {key: getattr(llm, key) for key in OPTIONAL_SAMPLING}
-    if isinstance(llm.thinking, int):  # the key of such requests is that of their older name
-        chosen |= {"thinking": None, "thinking_tokens": llm.thinking}
     sampling: dict[str, Setting] = {key: to_json(value) for key, value in chosen.items() if value}
     sampling = {key: tuple(value) if isinstance(value, list) else value for key, value in sampling.items()}
     more = {name: canonical(value) for name, value in (own or {}).items()}
