@@ -23,7 +23,7 @@ from tacevo.evolution.lines import TEMPERATURE
 from tacevo.llm.budget import Account, BudgetedLLM
 from tacevo.llm.capabilities import BUDGETED, Capabilities, recorded_capabilities
 from tacevo.llm.described import DescribedLLM
-from tacevo.llm.prices import PriceTable
+from tacevo.llm.prices import PriceTable, line_to_add
 from tacevo.llm.recording import RecordingLLM, ever_refused, unkept
 from tacevo.parts.kinds import PROVIDERS
 from tacevo.parts.provider import Provider
@@ -153,7 +153,8 @@ def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bo
         paid = f"an answer to the limit of {counted(llm.max_tokens, 'token')} alone is "
         paid += f"{dollars(price.cost(0, llm.max_tokens))} USD"
     else:
-        each = price.cost(before.input_tokens, before.output_tokens) / before.answers
+        usual = price.of_prompt(before.input_tokens / before.answers)
+        each = usual.cost(before.input_tokens, before.output_tokens) / before.answers
         paid = f"some {dollars(requests * each)} USD, if answers are as long as those so far"
     limit = (
         "no limit (llm.budget_usd=N sets one)" if llm.budget_usd is None else f"at most {llm.budget_usd:g} USD in all"
@@ -224,7 +225,7 @@ def _price(llm: LLMConfig, prices: PriceTable) -> Price:
         if asks_elsewhere(llm):
             got += ", which is not about other servers"
         else:
-            remedy = f"add the model to that table, {remedy}"
+            remedy = f"add the line `{line_to_add(llm.name)}` below `models:` of that table, {remedy}"
         raise ConfigError(
             got,
             place="llm.budget_usd",
