@@ -212,8 +212,8 @@ class Price(Record):
         """Return the price of a request whose prompt has so many tokens."""
         if self.long is None or tokens <= self.long.above_tokens:
             return dataclasses.replace(self, long=None)
-        usd = {"input_usd": self.long.input_usd, "output_usd": self.long.output_usd}
-        return dataclasses.replace(self, long=None, **usd)
+        read, written = self.long.input_usd, self.long.output_usd
+        return dataclasses.replace(self, input_usd=read, output_usd=written, long=None)
 
     def cost(self, input_tokens: float, output_tokens: float) -> float:
         """Return what these tokens cost, in US dollars, none of them from a cache, and no prompt being long."""
