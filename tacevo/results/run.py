@@ -278,7 +278,7 @@ class RecordedRun:
     @property
     def not_sent(self) -> Mapping[str, str]:
         """Words on the sampling settings that were not sent, by setting (see `tacevo.evolution.lines.not_sent`)."""
-        return not_sent([one.dropped for one in self.answered])
+        return not_sent([one.dropped for one in self.answered], thinks=self.config.llm.thinks)
 
     def ranked(self) -> tuple[EliteEntry, ...]:
         """Return the elites, best fitness first; the earlier candidate where two are equal."""

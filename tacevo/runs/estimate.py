@@ -280,12 +280,10 @@ def _effort_and_thinking(settings: Mapping[str, Setting]) -> list[Setting | None
 
 def _unpriced(config: RunConfig) -> str:
     """Say what a price table lacks, and the very line that it needs."""
-    line = f"the line `{line_to_add(config.llm.name)}`"
-    if asks_elsewhere(config.llm) and config.llm.prices == LLMConfig.prices:
-        return (
-            f"{config.llm.prices} is not about other servers: name a table of your own by llm.prices=FILE, with {line}"
-        )
-    return f"{config.llm.prices} lacks the price of this model: add {line} below `models:`"
+    table, line = config.llm.prices, f"the line `{line_to_add(config.llm.name)}`"
+    if asks_elsewhere(config.llm) and table == LLMConfig.prices:
+        return f"{table} is not about other servers: name a table of your own by llm.prices=FILE, with {line}"
+    return f"{table} lacks the price of this model: add {line} below `models:`"
 
 
 def _remarks(config: RunConfig) -> Sequence[str]:

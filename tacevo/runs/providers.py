@@ -183,7 +183,7 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     """Check that the model takes a temperature, if temperatures are compared, as far as the recorded answers say.
 
     The overrides are what tells a search apart from those that it is compared with, among them its arm. An answer
-    counts if it was given to the same model, token limit and settings.
+    counts if it was given to the same model, token limit and settings. While a model thinks, none is ever sent.
 
     Raises:
         ConfigError: they set a temperature, and the model refuses it.
@@ -193,11 +193,19 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
     llm = config.llm
     chosen = (llm.name, llm.max_tokens, provider_settings(llm, config.own_settings(llm.provider)))
+    place, expected = " ".join(settings), "a model that takes a temperature"
+    if settings and llm.thinks:
+        raise ConfigError(
+            f"llm.thinking={llm.thinking}; requests that let a model think have none",
+            place=place,
+            expected=expected,
+            remedy="leave the setting out, or llm.thinking",
+        )
     if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
         raise ConfigError(
             f"{llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
-            place=" ".join(settings),
-            expected="a model that takes a temperature",
+            place=place,
+            expected=expected,
             remedy="leave the setting out, or choose another llm.model",
         )
 
