@@ -264,6 +264,11 @@ class LLMConfig(Record):
         return provider_facts(self.provider)
 
     @property
+    def thinks(self) -> bool:
+        """Whether `thinking` asks the model of a provider of ours to think; then no temperature is sent."""
+        return bool(self.facts.host) and self.thinking not in (None, Thinking.disabled)
+
+    @property
     def name(self) -> str:
         """The name of the model in requests and records: its label, if it has one."""
         return self.label or self.model

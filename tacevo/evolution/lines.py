@@ -229,18 +229,28 @@ def trained_networks(lines: Iterable[CandidateLine]) -> list[tuple[str, int]]:
     return [(str(line.source), (line.flops or 0) + line.extra_flops) for line in lines if line.fitness is not None]
 
 
-def not_sent(dropped: Sequence[Collection[str]]) -> dict[str, str]:
+def why_not_sent(setting: str, *, thinks: bool) -> str:
+    """Say why a sampling setting was not sent; `thinks`: whether the model was asked to think."""
+    return (
+        "no request that lets the model think has one" if thinks and setting == TEMPERATURE else "the model refuses it"
+    )
+
+
+def not_sent(dropped: Sequence[Collection[str]], *, thinks: bool = False) -> dict[str, str]:
     """Say which sampling settings were not sent, as in `temperature was not sent: the model refuses it`.
 
-    What was dropped are the settings that each request of a run was sent without. Return the words by setting, in the
-    order of names, with the number of requests where it is not all of them.
+    What was dropped are the settings that each request of a run was sent without; `thinks` is as of `why_not_sent`.
+    Return the words by setting, in the order of names, with the number of requests where it is not all of them.
     """
     missed = Counter(setting for settings in dropped for setting in settings)
     parts = {
         setting: "" if missed[setting] == len(dropped) else f" with {missed[setting]} of {len(dropped)} requests"
         for setting in sorted(missed)
     }
-    return {setting: f"{setting} was not sent{part}: the model refuses it" for setting, part in parts.items()}
+    return {
+        setting: f"{setting} was not sent{part}: {why_not_sent(setting, thinks=thinks)}"
+        for setting, part in parts.items()
+    }
 
 
 def gate_stages(lines: Iterable[CandidateLine]) -> tuple[GateStage, ...]:

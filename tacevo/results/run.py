@@ -280,7 +280,7 @@ class RecordedRun:
     @property
     def not_sent(self) -> Mapping[str, str]:
         """Words on the sampling settings that were not sent, by setting (see `tacevo.evolution.lines.not_sent`)."""
-        refused = not_sent([one.dropped for one in self.answered])
+        refused = not_sent([one.dropped for one in self.answered], thinks=self.config.llm.thinks)
         if self.carrier is not Carrier.none:
             return refused
         return {TEMPERATURE: "temperature was not sent: temperature.carrier=none", **refused}

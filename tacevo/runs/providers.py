@@ -27,10 +27,9 @@ from tacevo.llm.capabilities import (
     known_capabilities,
     recorded_capabilities,
     takes_temperature,
-    thinks,
 )
 from tacevo.llm.described import DescribedLLM
-from tacevo.llm.prices import PriceTable
+from tacevo.llm.prices import PriceTable, line_to_add
 from tacevo.llm.recording import RecordingLLM
 from tacevo.parts.kinds import PROVIDERS
 from tacevo.parts.provider import Provider
@@ -182,7 +181,8 @@ def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bo
         paid = f"an answer to the limit of {counted(llm.max_tokens, 'token')} alone is "
         paid += f"{dollars(price.cost(0, llm.max_tokens))} USD"
     else:
-        each = price.cost(before.input_tokens, before.output_tokens) / before.answers
+        usual = price.of_prompt(before.input_tokens / before.answers)
+        each = usual.cost(before.input_tokens, before.output_tokens) / before.answers
         paid = f"some {dollars(requests * each)} USD, if answers are as long as those so far"
     limit = (
         "no limit (llm.budget_usd=N sets one)" if llm.budget_usd is None else f"at most {llm.budget_usd:g} USD in all"
@@ -229,17 +229,18 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
             remedy=f"leave the setting out, or set {CARRIER}=words, effort or parameter",
         )
     if settings:
-        check_carrier(config)
+        check_carrier(config, place=" ".join(settings))
 
 
 def _is_of_temperature(key: str) -> bool:
     return key.partition(".")[0] == TEMPERATURE
 
 
-def check_carrier(config: RunConfig) -> None:
+def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parameter}") -> None:
     """Check that what carries the temperature of a search can act on its model, as far as the stores say.
 
-    An answer counts if it was given to the same model, token limit and settings.
+    An answer counts if it was given to the same model, token limit and settings. While a model thinks, no temperature
+    is ever sent. `place` is the setting that an error about the temperature names.
 
     Raises:
         ConfigError: the model refuses temperatures, or an effort.
@@ -255,12 +256,13 @@ def check_carrier(config: RunConfig) -> None:
         (llm.name, llm.max_tokens, settings),
     )
     if temperature.carrier is Carrier.parameter and takes_temperature(known, settings) is False:
+        others = "leave llm.thinking out" if llm.thinks else "choose another llm.model"
         raise ConfigError(
-            f"{llm.name}, which takes no temperature" + (" while it thinks" if thinks(settings) else ""),
-            place=f"{CARRIER}=parameter",
+            f"{llm.model}, which refuses temperatures" + (" while it thinks" if llm.thinks else ""),
+            place=place,
             expected="a model that takes a temperature",
             remedy=f"set {CARRIER}=words (it chooses a sentence of the task's library), effort (it chooses the model's "
-            "effort) or none (nothing is sent), or choose another llm.model",
+            f"effort) or none (nothing is sent), or {others}",
         )
     lacking = [effort for effort in temperature.efforts if known.efforts is not None and effort not in known.efforts]
     if temperature.carrier is Carrier.effort and lacking:
@@ -297,7 +299,7 @@ def _price(llm: LLMConfig, prices: PriceTable) -> Price:
         if asks_elsewhere(llm):
             got += ", which is not about other servers"
         else:
-            remedy = f"add the model to that table, {remedy}"
+            remedy = f"add the line `{line_to_add(llm.name)}` below `models:` of that table, {remedy}"
         raise ConfigError(
             got,
             place="llm.budget_usd",
