@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 from asked import KEY, request
+from bundles import entries_of, members_of
+from commands import publish
 from hosted import batched, hosted
 from llm_models import MODELS
 from llm_script import Script
@@ -100,6 +102,7 @@ def test_effort_is_sent_as_the_chat_completions_api_has_it() -> None:
     assert "effort" not in body
 
 
+@pytest.mark.room("publishing")
 def test_model_is_asked_about_once_and_the_answer_is_recorded_and_replayed(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -118,11 +121,8 @@ def test_model_is_asked_about_once_and_the_answer_is_recorded_and_replayed(
     assert digest(capsys.readouterr().out) == recorded
     assert all(line["dropped"] == ["temperature"] for line in answered(place))
     assert "llm.thinking" in " ".join((place / "run" / "summary.md").read_text().split())
-    assert main(["publish", "run", "-o", "run.zip", "--author", "A. Name"]) == 0
-    for path in (place / "cache").rglob("*.json"):
-        path.unlink()
-    assert main(["cache", "export", "run.zip", "-o", "run.jsonl"]) == 0
-    assert any(json.loads(line)["kind"] == "models" for line in (place / "run.jsonl").read_text().splitlines())
+    publish("run", "-o", "run.zip", "--author", "A. Name", cwd=place)
+    assert [entry["kind"] for entry in entries_of(members_of(place / "run.zip"))].count("models") == 1
     capsys.readouterr()
     assert main(["replay", "run.zip"]) == 0
     assert digest(capsys.readouterr().out) == recorded
