@@ -231,9 +231,8 @@ def trained_networks(lines: Iterable[CandidateLine]) -> list[tuple[str, int]]:
 
 def why_not_sent(setting: str, *, thinks: bool) -> str:
     """Say why a sampling setting was not sent; `thinks`: whether the model was asked to think."""
-    return (
-        "no request that lets the model think has one" if thinks and setting == TEMPERATURE else "the model refuses it"
-    )
+    by_thinking = thinks and setting == TEMPERATURE
+    return "the model is to think (llm.thinking)" if by_thinking else "the model refuses it"
 
 
 def not_sent(dropped: Sequence[Collection[str]], *, thinks: bool = False) -> dict[str, str]:

@@ -60,6 +60,8 @@ class Script:
     kind: Callable[[Body], str] | None = None
     #: Settings that the models refuse, one a time, as real ones do.
     refused: tuple[str, ...] = ()
+    #: What every request is refused with; empty where none is.
+    words: str = ""
     #: Settings of which the models take one only, as real ones do.
     exclusive: tuple[str, ...] = ()
     #: The models that there are, and that are listed; empty for a server that takes any name and has no list.
@@ -98,6 +100,8 @@ class Script:
 
     def refusal(self, body: Body) -> str:
         """Say which setting of a body the models refuse; empty where none."""
+        if self.words:
+            return self.words
         model = self.like.get(body["model"])
         if model is not None and (words := model.refusal(body)):
             return words
