@@ -83,8 +83,38 @@ class SystemTurn(StrEnum):
     user = "user"
 
 
+class Carrier(StrEnum):
+    """The carrier of a request's temperature T: what of the request T decides."""
+
+    #: The sampling temperature, as in the paper.
+    parameter = "parameter"
+    #: One of five sentences of the task's library, which say how far to depart from the parent.
+    words = "words"
+    #: The model's effort.
+    effort = "effort"
+    #: Nothing: T is nominal.
+    none = "none"
+
+
+class Effort(StrEnum):
+    """The effort that a model is asked to put into an answer, from the least to the most."""
+
+    low = "low"
+    medium = "medium"
+    high = "high"
+    xhigh = "xhigh"
+    max = "max"
+
+
+class Thinking(StrEnum):
+    """Whether a model thinks before it answers: as much as it decides itself, or not at all."""
+
+    adaptive = "adaptive"
+    disabled = "disabled"
+
+
 #: Sampling settings that reach a request only where they are set, in the order of their names.
-OPTIONAL_SAMPLING = ("stop_sequences", "thinking_tokens", "top_k", "top_p")
+OPTIONAL_SAMPLING = ("effort", "stop_sequences", "thinking", "thinking_tokens", "top_k", "top_p")
 
 
 #: The axes of the paper. A recorded run whose configuration names none has these.

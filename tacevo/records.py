@@ -164,13 +164,29 @@ class Request(Record):
     model: str
     system: str
     messages: tuple[ChatMessage, ...]
-    #: Sampling temperature in [0, 1].
-    temperature: float
+    #: Sampling temperature in [0, 1]; None where none is sent, because words, effort or nothing carry T
+    #: (`tacevo.choices.Carrier`).
+    temperature: float | None
     max_tokens: int
     #: The number of this draw of an otherwise equal request, so that equal prompts give distinct answers.
     draw: int
     #: Further settings of the provider, by name, in the order of their names.
     settings: tuple[tuple[str, Setting], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LongPrompts(Record):
+    """The price of all tokens of a request, in US dollars for a million, where its prompt is long."""
+
+    #: A prompt is long if it has more tokens than this.
+    above_tokens: int
+    input_usd: float
+    output_usd: float
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a number is below 0."""
+        if min(self.above_tokens, self.input_usd, self.output_usd) < 0:
+            raise ValueError("numbers of at least 0")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,11 +204,20 @@ class Price(Record):
     #: an answer has no such tokens, or their price is not known.
     cache_read_usd: float | None = None
     cache_write_usd: float | None = None
+    #: The price of a request with a long prompt; None where the length does not matter, as of every answer.
+    long: LongPrompts | None = None
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"cache_read_usd", "cache_write_usd"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"cache_read_usd", "cache_write_usd", "long"})
+
+    def of_prompt(self, tokens: float) -> Price:
+        """Return the price of a request whose prompt has so many tokens."""
+        if self.long is None or tokens <= self.long.above_tokens:
+            return dataclasses.replace(self, long=None)
+        read, written = self.long.input_usd, self.long.output_usd
+        return dataclasses.replace(self, input_usd=read, output_usd=written, long=None)
 
     def cost(self, input_tokens: float, output_tokens: float) -> float:
-        """Return what these tokens cost, in US dollars, none of them from a cache."""
+        """Return what these tokens cost, in US dollars, none of them from a cache, and no prompt being long."""
         return self.factor * (self.input_usd * input_tokens + self.output_usd * output_tokens) / 1_000_000
 
 
@@ -329,6 +354,11 @@ class Task(Record):
     #: The networks that generation 0 holds beside the baseline, in place of mutations of it; empty where it holds
     #: those.
     given: tuple[Given, ...] = ()
+    #: The sentences that carry a temperature in words, from the least departure to the boldest; empty where words do
+    #: not carry it.
+    boldness: tuple[str, ...] = ()
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"boldness"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

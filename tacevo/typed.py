@@ -28,8 +28,11 @@ def _finite(value: Json) -> Json:
     return value
 
 
-#: JSON whose numbers something else checks. (Pydantic reads anything here: it cannot build a type that holds itself.)
-UncheckedJson = Annotated[Json, GetPydanticSchema(lambda _, handler: handler(Any))]
+#: Lets pydantic read anything where it stands beside a type; a rule of our own checks it.
+UNTYPED = GetPydanticSchema(lambda _, handler: handler(Any))
+
+#: JSON whose numbers something else checks. (Pydantic cannot build a type that holds itself.)
+UncheckedJson = Annotated[Json, UNTYPED]
 
 #: JSON in a record, of finite numbers.
 FreeJson = Annotated[UncheckedJson, AfterValidator(_finite)]

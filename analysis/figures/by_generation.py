@@ -110,7 +110,7 @@ def temperature(run: RecordedRun) -> Figure:
     generations = [entry.generation for entry in run.generations]
     centres = [entry.temperature for entry in run.generations]
     axes.step(generations, centres, where="mid", color=BLUE, label="$T_g$ of the generation")
-    axes.set(ylabel="temperature", ylim=(-0.02, 1.02))
+    axes.set(ylabel=f"temperature{run.carried}", ylim=(-0.02, 1.02))
     title_unsent_temperatures(axes, run)
     count_along(axes, "generation")
     figure.legend(loc="outside upper center", ncols=2)

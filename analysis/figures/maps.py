@@ -88,7 +88,7 @@ def prompt_map(run: RecordedRun, centroids: NDArray[np.float64], reachable: Coll
     if run.prompt_trials:
         figure.colorbar(filled, label="curiosity of the trial", pad=0.02, ticks=[0.5, 1.0, 1.5, 2.0])
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="instruction (index in the library)", ylabel="temperature $T_g$")
+    axes.set(xlabel="instruction (index in the library)", ylabel=f"temperature $T_g${run.carried}")
     title_unsent_temperatures(axes, run)
     _legend(figure, axes, legend)
     return figure

@@ -146,12 +146,19 @@ def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
         "Coverage of both archives, that of prompts among the niches that could be reached; QD-score of the networks"
     )
     add("archive_growth", words, partial(growth, run, len(niches.prompts), len(reached)))
-    add("temperature", f"Temperature of each generation, and of its requests{unsent}", partial(temperature, run))
+    add(
+        "temperature",
+        f"Temperature{run.carried} of each generation, and of its requests{unsent}",
+        partial(temperature, run),
+    )
     if _has_map(run):
         words = "The network archive; each cell is a niche"
         add("network_map", words, partial(network_map, run, niches.networks))
     if has_prompts:
-        words = f"The prompt archive; each cell is a niche{unsent}"
+        words = (
+            f"The prompt archive over instruction and temperature{run.carried}" if run.carried else "The prompt archive"
+        )
+        words += f"; each cell is a niche{unsent}"
         if len(reached) < len(niches.prompts):
             words += (
                 ". No search could reach the shaded ones, because the temperature rule leads to no temperature in them"

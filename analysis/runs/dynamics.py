@@ -15,6 +15,7 @@ from scipy.stats import binomtest
 from analysis.statistics.effects import LEVEL
 from tacevo.costs import Spending, total
 from tacevo.evolution.archive import AddStatus
+from tacevo.evolution.carriers import part_of
 from tacevo.evolution.lines import CandidateLine, trained_networks, training_flops
 from tacevo.records import Operator, Stage
 from tacevo.results.run import RecordedRun
@@ -107,14 +108,24 @@ def by_prompt(run: RecordedRun) -> pd.DataFrame:
 
 
 def by_temperature(run: RecordedRun) -> pd.DataFrame:
-    """Return a row for each band of the requests' temperatures in which something was asked, rising."""
+    """Return a row for each band of the requests' temperatures in which something was asked, rising.
+
+    Where words or effort carry them, a band is what one sentence or one effort stands for.
+    """
+    count = run.levels or BANDS
     bands: dict[int, list[CandidateLine]] = {}
     for candidate in mutations(run):
-        temperature = candidate.sent_temperature
-        if temperature is not None:
-            band = min(int(temperature * BANDS), BANDS - 1)  # the last band holds its upper end
-            bands.setdefault(band, []).append(candidate)
-    return _productivity((f"{band / BANDS:.1f}-{(band + 1) / BANDS:.1f}", bands[band]) for band in sorted(bands))
+        if candidate.sent_temperature is not None:
+            bands.setdefault(part_of(candidate.sent_temperature, count), []).append(candidate)
+    return _productivity((_band(run, band, count, bands[band]), bands[band]) for band in sorted(bands))
+
+
+def _band(run: RecordedRun, band: int, count: int, asked: Sequence[CandidateLine]) -> str:
+    """Name a band of temperatures; with the sentence or the effort that it stands for, where it does."""
+    low, high = band / count, (band + 1) / count
+    if not run.levels:
+        return f"{low:.1f}-{high:.1f}"
+    return f"{asked[0].effort or f'sentence {band + 1}'}: {low:.2g}-{high:.2g}"
 
 
 def temperature_follows_age(run: RecordedRun) -> bool:

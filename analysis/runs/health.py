@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import AXES, CoverageMap, coverage_map, effective_niches, fullest_tenth, reachable
 from analysis.runs.dynamics import by_prompt, mutations, progress, repeats
-from tacevo.choices import BoundsRule, Scale
+from tacevo.choices import BoundsRule, Carrier, Scale
 from tacevo.evolution.lines import TEMPERATURE, gate_stages
 from tacevo.results.run import RecordedRun, descriptors_of
 from tacevo.text import counted
@@ -230,6 +230,8 @@ def _of_prompts(run: RecordedRun) -> Iterator[Alarm]:
 
 
 def _of_temperature(run: RecordedRun) -> Iterator[Alarm]:
+    if run.carrier is Carrier.none:
+        return  # as the user wants it
     if TEMPERATURE in run.not_sent:
         missed = sum(TEMPERATURE in candidate.dropped for candidate in run.candidates)
         yield Alarm(

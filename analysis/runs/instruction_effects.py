@@ -87,7 +87,7 @@ def _asked(run: RecordedRun) -> pd.DataFrame:
                 "generation": line.generation,
                 "is_late": 2 * line.generation > last,
                 "prompt": line.prompt,
-                "temperature": line.sent_temperature,
+                "temperature": run.acted_temperature(line),
                 "parent": recorded.get(line.parents[0]),
                 "child": recorded.get(line.id),
             }

@@ -14,13 +14,13 @@ from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED
 from analysis.table import Cell, HalfInteger, Layout, Percent, PValue, Table, interval_cell, percent_interval_cell
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.followed_plan import plan_notes
-from analysis.tables.grammar_note import grammar_note
+from analysis.tables.grammar_note import carrier_notes, grammar_note
 from tacevo.choices import ChosenBy
 from tacevo.config.identity import twins_of
 from tacevo.evolution.chance import is_at_chance
-from tacevo.records import Kind
+from tacevo.records import Json, Kind
 from tacevo.results.study import LOSS, PRIMARY
-from tacevo.results.sweep import ALPHA, REFERENCE, RecordedSweep
+from tacevo.results.sweep import ALPHA, REFERENCE, FinishedJob, RecordedSweep
 from tacevo.results.sweep_checks import arm_settings
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves
@@ -128,7 +128,7 @@ def _chance_note(sweep: RecordedSweep) -> list[str]:
 
 def settings_table(sweep: RecordedSweep) -> Table:
     """Show the settings in which the recorded configurations of the arms differ."""
-    arms = {one.job.arm: dict(leaves(arm_settings(one))) for one in reversed(sweep.finished)}
+    arms = {one.job.arm: _settings(one) for one in reversed(sweep.finished)}
     names = list(dict.fromkeys(one.job.arm for one in sweep.finished))
     keys = dict.fromkeys(key for name in names for key in arms[name])
     differing = [key for key in keys if len({json.dumps(arms[name].get(key)) for name in names}) > 1]
@@ -145,6 +145,11 @@ def settings_table(sweep: RecordedSweep) -> Table:
             *temperature_notes(sweep),
         ),
     )
+
+
+def _settings(one: FinishedJob) -> dict[str, Json]:
+    """Return the settings of an arm by key; what carries its temperatures also where a record leaves it out."""
+    return {"temperature.carrier": one.run.carrier, **dict(leaves(arm_settings(one)))}
 
 
 def metric_table(sweep: RecordedSweep, ablation: Ablation, metric: Metric, archive: str) -> Table:
@@ -328,9 +333,10 @@ def divergence(unequal: Sequence[tuple[str, str]]) -> str:
 
 
 def temperature_notes(sweep: RecordedSweep) -> tuple[str, ...]:
-    """Say what a temperature of the grammar is where arms differ in it."""
-    differ = len({one.run.config.temperature for one in sweep.finished}) > 1
-    return grammar_note([one.run for one in sweep.finished]) if differ else ()
+    """Say what carries temperatures, and what one of the grammar is, where arms differ in them."""
+    runs = [one.run for one in sweep.finished]
+    differ = len({run.config.temperature for run in runs}) > 1
+    return (*carrier_notes(runs), *grammar_note(runs)) if differ else ()
 
 
 def _rank_note(sweep: RecordedSweep, ablation: Ablation, metric: Metric) -> list[str]:

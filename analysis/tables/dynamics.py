@@ -21,7 +21,7 @@ from analysis.runs.lineage import lineage
 from analysis.statistics.effects import LEVEL
 from analysis.studies.reestimates import Reestimates, by_seeds
 from analysis.table import Cell, Interval, Layout, Percent, Table, percent
-from analysis.tables.grammar_note import grammar_note
+from analysis.tables.grammar_note import carrier_notes, grammar_note
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported, skipped_note
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun
@@ -57,7 +57,7 @@ def generations_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table
     generations = progress(run).assign(median=medians).reset_index()
     return Table.of(
         generations,
-        {"generation": "generation", "T": "temperature", "candidates": "candidates", "trained": "trained"}
+        {"generation": "generation", f"T{run.carried}": "temperature", "candidates": "candidates", "trained": "trained"}
         | ({"skipped": "skipped"} if generations.skipped.any() else {})
         | {f"rejected: {stage}": f"rejected_{stage}" for stage in Stage}
         | {"best": "best", "archive median": "median", "median of new": "generation_median", "QD-score": "qd_score"}
@@ -72,6 +72,7 @@ def generations_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table
             "In generation 0 the baseline has one of the slots, and counts as a candidate here.",
             "Repeated: the same source was evaluated before; unchanged: the answer is a parent, words aside.",
             *unsent,
+            *carrier_notes([run]),
         ),
     )
 
@@ -123,14 +124,14 @@ def prompts_table(run: RecordedRun) -> Table:
 
 def temperatures_table(run: RecordedRun) -> Table:
     """Show what every band of the temperatures that were sent brought."""
-    table = _productivity_table(run, "temperatures", by_temperature(run), {"temperature": "name"})
+    table = _productivity_table(run, "temperatures", by_temperature(run), {f"temperature{run.carried}": "name"})
     notes = [f"{run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
     if temperature_follows_age(run):
         notes.append(
             "T moved one way with the generations, so temperature and generation are one here: a difference between "
             "bands may be one between early and late generations, whose archives are filled differently."
         )
-    return replace(table, notes=(*table.notes, *notes, *grammar_note([run])))
+    return replace(table, notes=(*table.notes, *notes, *carrier_notes([run]), *grammar_note([run])))
 
 
 def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ()) -> Table:

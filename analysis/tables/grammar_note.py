@@ -1,4 +1,4 @@
-"""What tables say of the temperatures of a grammar."""
+"""What tables say of the temperatures of a grammar, and of what carries temperatures."""
 
 from collections.abc import Sequence
 
@@ -14,3 +14,8 @@ GRAMMAR_TEMPERATURE = (
 def grammar_note(runs: Sequence[RecordedRun]) -> tuple[str, ...]:
     """Say what a temperature is where the grammar answered."""
     return (GRAMMAR_TEMPERATURE,) if any(not run.config.llm.facts.is_model for run in runs) else ()
+
+
+def carrier_notes(runs: Sequence[RecordedRun]) -> tuple[str, ...]:
+    """Say what temperatures choose where they are not sent as such, a sentence for each way."""
+    return tuple(dict.fromkeys(run.carrier_note for run in runs if run.carrier_note))

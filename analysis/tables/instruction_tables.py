@@ -8,7 +8,7 @@ import pandas as pd
 from analysis.runs.instruction_effects import instruction_effects, late_shares
 from analysis.statistics.effects import LEVEL
 from analysis.table import Interval, Percent, PValue, Table
-from analysis.tables.grammar_note import grammar_note
+from analysis.tables.grammar_note import carrier_notes, grammar_note
 from tacevo.parts.output import Output
 from tacevo.profile import Profile
 from tacevo.results.run import RecordedRun
@@ -59,6 +59,7 @@ def instructions_table(runs: Sequence[RecordedRun], of: str) -> Table:
             "unit would do, by the jitter within a generation; no part of that family.",
             "Share: of the requests of the first and the later half of the generations, by which one sees whether the "
             "search came to ask for what works.",
+            *carrier_notes(runs),
             *grammar_note(runs),
         ),
     )

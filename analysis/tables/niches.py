@@ -48,7 +48,7 @@ def _reach(run: RecordedRun) -> str:
         return "Prompts: trials begin with generation 1, which the run does not have."
     rule, generations = run.config.temperature.rule, counted(run.generations[-1].generation, "generation")
     return (
-        "Prompts: a niche counts as reachable if it holds an instruction at a temperature that "
+        f"Prompts: a niche counts as reachable if it holds an instruction at a temperature{run.carried} that "
         f"temperature={rule} can lead to in {generations} ({min(temperatures):g} to {max(temperatures):g}), with "
         "any fitness that they find."
     )

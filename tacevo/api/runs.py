@@ -387,6 +387,7 @@ class Run:
             **asdict(line),
             "instruction": None if line.prompt is None else self.recorded.instructions[line.prompt],
             "temperature": line.sent_temperature,
+            "carrier": None if line.request is None else line.carrier,
             "outcome": _outcome(line),
             "repairs": len(line.repairs),
             "fitness": known.get(line.id),
@@ -401,7 +402,7 @@ def remarks_on(run: Run) -> list[str]:
     """List the settings that were not sent, the studies that were left out, and how to make a first one."""
     collection = run.collection
     remarks = [
-        *collection.run.not_sent.values(),
+        *collection.run.on_sampling,
         *(f"left out: {reason}" for reason in collection.left_out),
         *collection.remarks,
     ]

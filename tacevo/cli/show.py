@@ -11,8 +11,9 @@ from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DONE, tell
 from tacevo.config.recorded_parts import own_axes
+from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
-from tacevo.evolution.lines import TEMPERATURE, CandidateLine
+from tacevo.evolution.lines import TEMPERATURE, CandidateLine, why_not_sent
 from tacevo.evolution.prompts import SAMPLING
 from tacevo.evolution.run_files import Line, check_references, read_elites, read_ledger
 from tacevo.gate.imports import with_imports
@@ -128,8 +129,8 @@ def show_candidate(path: Path, name: str) -> str:
     """
     directory, run, ledger = _read_begun(path)
     line = _candidate(path, ledger, name)
-    axes = own_axes(read_config(path, run))
-    parts = [f"# {name} of {run.name}", f"Instruction: {_instruction(run.task, line)}", _fields(line, axes)]
+    config = read_config(path, run)
+    parts = [f"# {name} of {run.name}", f"Instruction: {_instruction(run.task, line)}", _fields(line, config)]
     if line.repairs:
         reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
         parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
@@ -182,14 +183,17 @@ def _instruction(task: Task, line: CandidateLine) -> str:
     return f"{instruction.id}: {instruction.text.strip()}"
 
 
-def _fields(line: CandidateLine, axes: Sequence[str]) -> str:
-    """Write the fields of a candidate's line; `axes` are those of its `measures`."""
+def _fields(line: CandidateLine, config: RunConfig) -> str:
+    """Write the fields of a candidate's line."""
+    axes = own_axes(config)
     fields = {key: value for key, value in written(line).items() if key not in _HIDDEN} | dict(
         zip(axes, line.measures, strict=False)
     )
     rows = [[key, _value(value)] for key, value in fields.items() if value is not None]
     if line.temperature is not None and line.sent_temperature is None:
-        planned = f"not sent: the model refuses it ({_value(line.temperature)} was planned)"
+        refused = why_not_sent(TEMPERATURE, thinks=config.llm.thinks)
+        why = refused if TEMPERATURE in line.dropped else f"temperature.carrier={line.carrier}"
+        planned = f"not sent: {why} ({_value(line.temperature)} was planned)"
         rows = [[key, planned if key == TEMPERATURE else value] for key, value in rows]
     return table(["field", "value"], sorted(rows))
 

@@ -11,8 +11,10 @@ from tacevo.choices import (
     OPTIONAL_SAMPLING,
     PAPER_AXES,
     BoundsRule,
+    Carrier,
     Confinement,
     Device,
+    Effort,
     Numerics,
     OperatorScope,
     Scale,
@@ -26,6 +28,7 @@ from tacevo.config.schema import (
     LLMConfig,
     RunConfig,
     TaskConfig,
+    TemperatureConfig,
     TrainingConfig,
 )
 from tacevo.errors import ConfigError
@@ -47,6 +50,7 @@ def check_together(config: RunConfig) -> None:
     _check_data(config.data)
     _check_llm(config.llm)
     _check_sampling(config.llm)
+    _check_carrier(config)
     check_code(config)
     _check_archive(config)
     _check_proposals(config)
@@ -164,9 +168,32 @@ def _check_sampling(llm: LLMConfig) -> None:
         value = getattr(llm, key)
         known = key in llm.facts.sampling or not value
         _check_that(known, f"llm.{key}", f"nothing for llm={llm.provider}, which does not have this setting", value)
-    thinking, most = llm.thinking_tokens, llm.max_tokens
-    fits = thinking is None or thinking < most
-    _check_that(fits, "llm.thinking_tokens", f"a number below llm.max_tokens={most}", thinking)
+    most = llm.max_tokens
+    for key in ("thinking", "thinking_tokens"):
+        thinking = getattr(llm, key)
+        fits = not isinstance(thinking, int) or thinking < most
+        _check_that(fits, f"llm.{key}", f"a number below llm.max_tokens={most}", thinking)
+    once = llm.thinking is None or llm.thinking_tokens is None
+    expected = "null beside llm.thinking: it is an older name of llm.thinking=N"
+    _check_that(once, "llm.thinking_tokens", expected, llm.thinking_tokens)
+
+
+def _check_carrier(config: RunConfig) -> None:
+    temperature, llm = config.temperature, config.llm
+    if temperature.carrier is not Carrier.effort:
+        is_usual = temperature.efforts == TemperatureConfig.efforts
+        default = f"[{','.join(TemperatureConfig.efforts)}] without temperature.carrier=effort"
+        _check_that(is_usual, "temperature.efforts", default, temperature.efforts)
+        return
+    known = "effort" in llm.facts.sampling or not llm.facts.is_model
+    expected = f"another one with llm={llm.provider}, which has no such setting"
+    _check_that(known, "temperature.carrier", expected, temperature.carrier)
+    expected = "null with temperature.carrier=effort, by which the temperature chooses it"
+    _check_that(llm.effort is None, "llm.effort", expected, llm.effort)
+    rising = [effort for effort in Effort if effort in temperature.efforts]
+    chooses = len(rising) > 1 and rising == [*temperature.efforts]
+    expected = f"at least two of {', '.join(Effort)}, in this order"
+    _check_that(chooses, "temperature.efforts", expected, temperature.efforts)
 
 
 def _check_archive(config: RunConfig) -> None:

@@ -389,7 +389,8 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
             f"experiment={experiment} leaves the choice of the model to you",
             place="llm",
             remedy="add llm=anthropic (Claude), llm=openai llm.model=NAME (a server of yours), or llm=grammar (a "
-            "control without a language model, whose results are not a reproduction of the paper's)",
+            "control without a language model, whose results are not a reproduction of the paper's); the model must "
+            "take a temperature: experiment=paper_today has one of today, which takes none",
         )
     said = [*itertools.takewhile(lambda line: not line.startswith("Config search path"), lines)]
     missing = re.search(r"Could not find '(.+)/([^/]*)'", said[0])

@@ -54,8 +54,9 @@ def write_task(name: str, like: str, supplement: Path | None = None) -> TaskConf
     as_yaml = yaml.safe_dump(to_json(new), sort_keys=False, default_flow_style=None, allow_unicode=True)
     texts_of = {key: read_named(f"task.{key}", getattr(old, key)) for key in files}
     if supplement is not None:
-        crossover = read_yaml(texts_of["instructions"], only_text=True)["crossover"]
-        texts_of |= read_supplement(supplement, like, crossover)
+        library = read_yaml(texts_of["instructions"], only_text=True)
+        ours = {key: library[key] for key in library if key != "mutations"}
+        texts_of |= read_supplement(supplement, like, ours)
     copies = {path: texts_of[key] for key, path in files.items()}
     try:
         for folder in (settings.parent, texts.parent):

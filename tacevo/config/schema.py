@@ -17,8 +17,10 @@ from pydantic_core import PydanticCustomError
 from tacevo.choices import (
     PAPER_AXES,
     BoundsRule,
+    Carrier,
     Confinement,
     Device,
+    Effort,
     GratingClasses,
     Layout,
     LightScene,
@@ -30,13 +32,14 @@ from tacevo.choices import (
     SplitRule,
     SystemTurn,
     TargetScaling,
+    Thinking,
 )
 from tacevo.errors import ConfigError
 from tacevo.parts.facts import HERE, ProviderFacts, SourceFacts, provider_facts, source_facts
 from tacevo.records import Delivery, Kind, Loss, Mode, Record
 from tacevo.redaction import check_address, names_place
 from tacevo.space import Space
-from tacevo.typed import FreeJson
+from tacevo.typed import UNTYPED, FreeJson
 
 
 def is_a(words: str, holds: Callable[[Any], object]) -> AfterValidator:
@@ -56,6 +59,11 @@ def _is_pattern(text: str) -> bool:
         return bool(re.compile(text).pattern)
     except (re.error, OverflowError, RecursionError):
         return False
+
+
+def _is_thinking(value: Any) -> bool:
+    """Answer whether this is a kind of thinking, or a number of tokens for it, or neither is asked for."""
+    return value >= 1 if type(value) is int else value in (None, *Thinking)
 
 
 #: The most of what is looped over or held in memory: a recorded configuration may be anybody's.
@@ -232,7 +240,7 @@ class LLMConfig(Record):
     top_p: Annotated[float, Gt(0), Le(1)] | None = None
     top_k: AtLeast1 | None = None  #: null: not sent
     stop_sequences: tuple[Text, ...] = ()  #: []: not sent
-    #: Tokens of `max_tokens` that the model may think with before it answers.
+    #: An older name of `thinking=N`.
     thinking_tokens: AtLeast1 | None = None
     #: No new request starts that could bring a run's answers above this many US dollars; null for no limit.
     budget_usd: Annotated[float, Ge(0)] | None = None
@@ -245,13 +253,24 @@ class LLMConfig(Record):
     label: Annotated[Text, is_a("a name, not a path", lambda value: not names_place(value))] | None = None
     #: Grammar: the closed space in which its answers lie (`llm=grammar_space`); null for the whole grammar.
     space: Space | None = None
+    #: The effort that the model puts into an answer; null: not sent.
+    effort: Effort | None = None
+    #: Whether the model thinks before it answers, or the number of tokens of `max_tokens` for that; null: not sent.
+    thinking: Annotated[
+        int | str | None, UNTYPED, is_a("adaptive, disabled, a number of tokens of at least 1, or null", _is_thinking)
+    ] = None
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"system", "label", "space"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"system", "label", "space", "effort", "thinking"})
 
     @property
     def facts(self) -> ProviderFacts:
         """The facts that are known of the provider by its name."""
         return provider_facts(self.provider)
+
+    @property
+    def thinks(self) -> bool:
+        """Whether `thinking` asks the model of a provider of ours to think; then no temperature is sent."""
+        return bool(self.facts.host) and self.thinking not in (None, Thinking.disabled)
 
     @property
     def name(self) -> str:
@@ -268,6 +287,12 @@ class TemperatureConfig(Record):
     start: Fraction
     step: Fraction  #: eta, by which the rule moves it
     jitter: Fraction  #: half the width of the noise around it
+    #: What carries it to the model: `parameter`, which many models refuse, `words`, `effort` or `none`.
+    carrier: Carrier = Carrier.parameter
+    #: With `carrier=effort`: the efforts that it chooses from, rising; the model must take them all.
+    efforts: tuple[Effort, ...] = (Effort.low, Effort.medium, Effort.high, Effort.max)
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"carrier", "efforts"})
 
 
 @dataclass(frozen=True, kw_only=True)

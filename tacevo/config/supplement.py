@@ -4,12 +4,14 @@ The supplement (docs/references.bib, `tacevo_supplement`) is one page of HTML. N
 its text is not ours to hand on.
 """
 
+from collections.abc import Mapping
 from html.parser import HTMLParser
 from pathlib import Path
 
 import yaml
 
 from tacevo.errors import ConfigError
+from tacevo.records import Json
 
 #: The headings of the page, by their ids, below which the instructions and the system prompt of a task stand, and the
 #: number of instructions.
@@ -72,11 +74,11 @@ class _Page(HTMLParser):
             self.handle_data("\n")
 
 
-def read_supplement(path: Path, task: str, crossover: str) -> dict[str, str]:
+def read_supplement(path: Path, task: str, ours: Mapping[str, Json]) -> dict[str, str]:
     """Read a task's prompts, `force` or `grating`, out of the supplement.
 
-    The page has no instruction for a crossover, so the caller's stands for it. Where the authors' prompt holds the
-    instruction and the parent's code, it refers to the next message, which has both.
+    The page has nothing but mutations, so the rest of a library, as the instruction for a crossover, is `ours`. Where
+    the authors' prompt holds the instruction and the parent's code, it refers to the next message, which has both.
 
     Returns:
         The texts of the files `instructions` (YAML) and `system` (a template, with `$` as `$$`).
@@ -102,5 +104,5 @@ def read_supplement(path: Path, task: str, crossover: str) -> dict[str, str]:
     for mark, words in _ELSEWHERE.items():
         prompt = prompt.replace(mark, words)
     mutations = [{"id": f"supplement_{number}", "text": text} for number, text in enumerate(instructions, start=1)]
-    library = {"crossover": crossover, "mutations": mutations}
+    library = {**ours, "mutations": mutations}
     return {"instructions": yaml.safe_dump(library, sort_keys=False, allow_unicode=True, width=110), "system": prompt}

@@ -8,15 +8,18 @@ from typing import Annotated
 
 import yaml
 
-from tacevo.choices import RecordedTask
+from tacevo.choices import Carrier, RecordedTask
 from tacevo.config.conf_folder import config_file, read_named
 from tacevo.config.schema import RunConfig, TaskConfig, is_a
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
+from tacevo.evolution.carriers import LEVELS
 from tacevo.evolution.prompts import system_prompt
 from tacevo.records import Contract, DataFacts, Instruction, Kind, Record, Task
-from tacevo.text import listed
+from tacevo.text import counted, listed
 from tacevo.typed import convert
+
+_is_sentence = is_a("a sentence on one line", lambda text: text.strip() and len(text.splitlines()) == 1)
 
 _is_worded = is_a("an id and a text that are not empty", lambda entry: entry.id.strip() and entry.text.strip())
 
@@ -27,6 +30,8 @@ class _Library(Record):
 
     crossover: str
     mutations: tuple[Annotated[Instruction, _is_worded], ...]
+    #: What carries a temperature in words, from the least departure from the parent to the boldest.
+    boldness: tuple[Annotated[str, _is_sentence], ...] = ()
 
 
 def check_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str]) -> None:
@@ -140,7 +145,26 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
         system=system,
         instructions=library.mutations,
         crossover=library.crossover,
+        boldness=_boldness(library, task.instructions) if config.temperature.carrier is Carrier.words else (),
     )
+
+
+def _boldness(library: _Library, name: str) -> tuple[str, ...]:
+    """Return the sentences that carry a temperature in words.
+
+    Raises:
+        ConfigError: the library has another number of them, or two that are equal.
+    """
+    sentences = library.boldness
+    if len(sentences) != LEVELS or len(set(sentences)) < LEVELS:
+        raise ConfigError(
+            "equal sentences" if len(set(sentences)) < len(sentences) else counted(len(sentences), "sentence"),
+            place=f"task.instructions, {name}, boldness",
+            expected=f"{LEVELS} different sentences, from the least departure from the parent to the boldest, with "
+            "temperature.carrier=words",
+            remedy="copy those of conf/library/force/instructions.yaml, or choose another carrier",
+        )
+    return sentences
 
 
 def _read_library(name: str) -> _Library:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from fractions import Fraction
 
-from tacevo.choices import PAPER_AXES
+from tacevo.choices import PAPER_AXES, Carrier
 from tacevo.errors import ConfigError
 from tacevo.evolution.archive import AddStatus, Elite, Individual, PersistentMap, coverage, qd_score
 from tacevo.evolution.descriptors import describe
@@ -241,6 +241,7 @@ def _candidate_line(outcome: Outcome, plan: Plan) -> CandidateLine:
     It says what was asked, what the model answered, and what gate and training found; descriptors and archives follow.
     """
     proposal, completion, admitted = outcome.proposal, outcome.completion, outcome.admitted
+    carried = proposal.carried
     line = CandidateLine(
         generation=proposal.generation,
         slot=proposal.slot,
@@ -249,7 +250,10 @@ def _candidate_line(outcome: Outcome, plan: Plan) -> CandidateLine:
         parents=proposal.parents,
         prompt=proposal.prompt,
         request=None if proposal.request is None else content_hash(to_json(proposal.request)),
-        temperature=None if proposal.request is None else proposal.request.temperature,
+        temperature=None if carried is None else carried.temperature,
+        carrier=Carrier.parameter if carried is None else plan.settings.carrier,
+        level=None if carried is None else carried.level,
+        effort=None if carried is None else carried.effort,
         answer=None if completion is None else content_hash(completion.content()),
         dropped=() if completion is None or not plan.names_dropped else completion.dropped,
         skipped=outcome.result is None,

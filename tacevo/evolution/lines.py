@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
+from tacevo.choices import Carrier, Effort
 from tacevo.evolution.archive import AddStatus, AxisBounds
 from tacevo.parts import Fitness
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
@@ -69,9 +70,14 @@ class CandidateLine(Record):
     parents: tuple[str, ...]
     #: Number of the instruction; None for crossovers, and where no model was asked.
     prompt: int | None
-    #: SHA-256 of the request, and the temperature that it asks for; None of the baseline and of a given network.
+    #: SHA-256 of the request, and its temperature T; None of the baseline and of a given network.
     request: str | None
     temperature: float | None
+    #: The carrier of T, and what it carried: the number of the sentence or of the effort, from 1, and the effort; None
+    #: where it carried none.
+    carrier: Carrier = Carrier.parameter
+    level: int | None = None
+    effort: Effort | None = None
     #: SHA-256 of what the model said; None where none was asked.
     answer: str | None
     dropped: tuple[str, ...] = ()
@@ -99,15 +105,16 @@ class CandidateLine(Record):
     prompt_status: AddStatus | None = None
     kind: Literal["candidate"] = "candidate"
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"skipped", "measures"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"skipped", "measures", "carrier", "level", "effort"})
 
     @property
     def sent_temperature(self) -> float | None:
-        """The temperature that the request was sent with; None where none was, as for the baseline.
+        """The temperature T, where it reached the model, be it by words or effort; None where it did not.
 
         Ledgers of core 1 do not say what was dropped from a request: of these it is the planned one.
         """
-        return None if TEMPERATURE in self.dropped else self.temperature
+        is_carried = self.carrier is Carrier.parameter or self.level is not None
+        return self.temperature if is_carried and TEMPERATURE not in self.dropped else None
 
     @property
     def first_rejection(self) -> tuple[Stage, Reason] | None:
@@ -222,18 +229,27 @@ def trained_networks(lines: Iterable[CandidateLine]) -> list[tuple[str, int]]:
     return [(str(line.source), (line.flops or 0) + line.extra_flops) for line in lines if line.fitness is not None]
 
 
-def not_sent(dropped: Sequence[Collection[str]]) -> dict[str, str]:
+def why_not_sent(setting: str, *, thinks: bool) -> str:
+    """Say why a sampling setting was not sent; `thinks`: whether the model was asked to think."""
+    by_thinking = thinks and setting == TEMPERATURE
+    return "the model is to think (llm.thinking)" if by_thinking else "the model refuses it"
+
+
+def not_sent(dropped: Sequence[Collection[str]], *, thinks: bool = False) -> dict[str, str]:
     """Say which sampling settings were not sent, as in `temperature was not sent: the model refuses it`.
 
-    What was dropped are the settings that each request of a run was sent without. Return the words by setting, in the
-    order of names, with the number of requests where it is not all of them.
+    What was dropped are the settings that each request of a run was sent without; `thinks` is as of `why_not_sent`.
+    Return the words by setting, in the order of names, with the number of requests where it is not all of them.
     """
     missed = Counter(setting for settings in dropped for setting in settings)
     parts = {
         setting: "" if missed[setting] == len(dropped) else f" with {missed[setting]} of {len(dropped)} requests"
         for setting in sorted(missed)
     }
-    return {setting: f"{setting} was not sent{part}: the model refuses it" for setting, part in parts.items()}
+    return {
+        setting: f"{setting} was not sent{part}: {why_not_sent(setting, thinks=thinks)}"
+        for setting, part in parts.items()
+    }
 
 
 def gate_stages(lines: Iterable[CandidateLine]) -> tuple[GateStage, ...]:

@@ -123,16 +123,16 @@ def system_prompt(template: str, contract: Contract, names: Sequence[str]) -> st
         raise ValueError(f"the system prompt names ${error.args[0]}; it may name {known}") from error
 
 
-def mutation_text(parent: str, instruction: str) -> str:
-    """Write the user message of a mutation."""
-    return f"Parent network:\n\n{_fenced(parent)}\n\nInstruction: {instruction}\n"
+def mutation_text(parent: str, instruction: str, *, boldness: str = "") -> str:
+    """Write the user message of a mutation; `boldness` is the paragraph that carries its temperature, if one does."""
+    return f"Parent network:\n\n{_fenced(parent)}\n\n{boldness}Instruction: {instruction}\n"
 
 
-def crossover_text(first: str, second: str, instruction: str) -> str:
-    """Write the user message of a crossover."""
+def crossover_text(first: str, second: str, instruction: str, *, boldness: str = "") -> str:
+    """Write the user message of a crossover; `boldness` as of a mutation."""
     return (
         f"First parent network:\n\n{_fenced(first)}\n\nSecond parent network:\n\n{_fenced(second)}\n\n"
-        f"Instruction: {instruction}\n"
+        f"{boldness}Instruction: {instruction}\n"
     )
 
 

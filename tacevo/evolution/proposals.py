@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from tacevo import parts
-from tacevo.choices import OperatorScope, SystemTurn
+from tacevo.choices import Carrier, Effort, OperatorScope, SystemTurn
 from tacevo.evolution.archive import Archive
+from tacevo.evolution.carriers import Carried, carry
 from tacevo.evolution.prompts import (
     PromptArchive,
     crossover_text,
@@ -70,6 +71,9 @@ class Settings:
     max_tokens: int
     #: Further settings of the provider, for every request.
     llm: tuple[tuple[str, Setting], ...] = ()
+    #: The carrier of a request's temperature, and the efforts that it may choose from, rising.
+    carrier: Carrier = Carrier.parameter
+    efforts: tuple[Effort, ...] = ()
     #: The place of the task's system prompt in a request.
     system: SystemTurn = SystemTurn.system
     #: The scope of one draw of the operator.
@@ -95,6 +99,8 @@ class Proposal:
     request: Request | None
     #: The source, where no model is asked for it.
     source: str = ""
+    #: The temperature of the request, and what the request holds of it; None without a request.
+    carried: Carried | None = None
 
     @property
     def id(self) -> str:
@@ -151,8 +157,7 @@ def plan_generation(
         for number in range(settings.candidates)
     ]
     if not settings.parents.has_parents:
-        text = sample_text(task.baseline)
-        return tuple(_asking(task, settings, slot, operator=Operator.sample, parents=(), text=text) for slot in slots)
+        return tuple(_sample(task, settings, slot) for slot in slots)
     parents = settings.parents.pool(population) or [_founder(task)]
     return tuple(
         _mutation(task, settings, slot, parents, prompts)
@@ -205,14 +210,23 @@ def _mutation(
     (parent,) = parents = _parents_of(settings, slot, pool, 1)
     rng = stream(settings.seed, "prompt", slot.generation, slot.question)
     prompt = settings.prompts.draw(prompts.history, slot.prompts, rng)
-    text = mutation_text(parent.source, task.instructions[prompt].text)
-    return _asking(task, settings, slot, operator=Operator.mutation, parents=parents, text=text, prompt=prompt)
+    carried = _carried(settings, slot, task.boldness)
+    text = mutation_text(parent.source, task.instructions[prompt].text, boldness=carried.words)
+    return _asking(
+        task, settings, slot, operator=Operator.mutation, parents=parents, text=text, prompt=prompt, carried=carried
+    )
 
 
 def _crossover(task: Task, settings: Settings, slot: _Slot, pool: Sequence[parts.Candidate]) -> Proposal:
     first, second = parents = _parents_of(settings, slot, pool, 2)
-    text = crossover_text(first.source, second.source, task.crossover)
-    return _asking(task, settings, slot, operator=Operator.crossover, parents=parents, text=text)
+    carried = _carried(settings, slot, task.boldness)
+    text = crossover_text(first.source, second.source, task.crossover, boldness=carried.words)
+    return _asking(task, settings, slot, operator=Operator.crossover, parents=parents, text=text, carried=carried)
+
+
+def _sample(task: Task, settings: Settings, slot: _Slot) -> Proposal:
+    text, carried = sample_text(task.baseline), _carried(settings, slot, ())
+    return _asking(task, settings, slot, operator=Operator.sample, parents=(), text=text, carried=carried)
 
 
 def _parents_of(
@@ -231,24 +245,24 @@ def _asking(
     operator: Operator,
     parents: Sequence[parts.Candidate],
     text: str,
+    carried: Carried,
     prompt: int | None = None,
 ) -> Proposal:
-    """Propose to ask a model, at T = clip(T_g + eps, 0, 1); the draw number belongs to the slot alone.
+    """Propose to ask a model; the draw number belongs to the slot alone.
 
     So two slots that ask the same question get two answers, while two arms of an ablation that ask it in the
     same slot under the same seed share one.
     """
     joined = settings.system is SystemTurn.user
-    rng = stream(settings.seed, "temperature", slot.generation, slot.question)
-    noise = rng.uniform(-settings.jitter, settings.jitter)
+    effort: tuple[tuple[str, Setting], ...] = () if carried.effort is None else (("effort", carried.effort.value),)
     request = Request(
         model=settings.model,
         system="" if joined else task.system,
         messages=(ChatMessage(role="user", content=f"{task.system}\n\n{text}" if joined else text),),
-        temperature=clip(slot.temperature + noise),
+        temperature=carried.parameter,
         max_tokens=settings.max_tokens,
         draw=derived_seed(settings.seed, "draw", slot.generation, slot.number) % 2**31,
-        settings=settings.llm,
+        settings=tuple(sorted((*settings.llm, *effort))),
     )
     return Proposal(
         generation=slot.generation,
@@ -257,4 +271,12 @@ def _asking(
         parents=tuple(parent.id for parent in parents),
         prompt=prompt,
         request=request,
+        carried=carried,
     )
+
+
+def _carried(settings: Settings, slot: _Slot, sentences: Sequence[str]) -> Carried:
+    """Draw the temperature of a request, T = clip(T_g + eps, 0, 1), and let its carrier have it."""
+    rng = stream(settings.seed, "temperature", slot.generation, slot.question)
+    temperature = clip(slot.temperature + rng.uniform(-settings.jitter, settings.jitter))
+    return carry(temperature, by=settings.carrier, sentences=sentences, efforts=settings.efforts)

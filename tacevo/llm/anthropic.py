@@ -1,22 +1,30 @@
 """Claude through the official SDK and the Messages API; the key comes from the environment only."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 
 import anthropic
 import httpx2
+from anthropic.resources.messages import DEPRECATED_MODELS
 
 from tacevo.errors import ConfigError
 from tacevo.llm.bodies import read_body, read_message
+from tacevo.llm.capabilities import BUDGETED
 from tacevo.llm.failures import check_key
 from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, fault_of
-from tacevo.llm.wire import bound_results, certificates, check_proxies
+from tacevo.llm.wire import bound, bound_results, certificates, check_proxies
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
 TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
+
+#: Seconds for what the Models API says: a run goes on without.
+_ASKING = httpx2.Timeout(15.0)
 
 #: The errors that the SDK raises, or lets through, where there is no usable answer.
 FAILURES = (anthropic.AnthropicError, ValueError, RecursionError)
@@ -32,14 +40,13 @@ class AnthropicServer(SDKServer):
 
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
         """Try a request once (see `tacevo.llm.hosted.Server`)."""
-        body = body_of(request, dropped)
-        named = {name: body.pop(name) for name in ("model", "messages", "max_tokens")}
+        body = {**body_of(request, dropped), "stream": False}
         try:
-            asked = next(self.turns).messages.with_raw_response
-            message = await asked.create(**named, stream=False, extra_body=body)
+            # `messages.create` warns of models that end, for each request anew; `tacevo.runs.providers` does so once.
+            message = await next(self.turns).post("/v1/messages", body=body, cast_to=httpx2.Response)
         except FAILURES as error:
             raise FaultError(fault_of(error)) from error
-        return read_message(read_body(message.http_response.content), Delivery.direct)
+        return read_message(read_body(message.content), Delivery.direct)
 
 
 def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
@@ -57,12 +64,43 @@ def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
 
 def connect_batches(base_url: str | None) -> anthropic.Anthropic:
     """Prepare to submit batches to Claude; otherwise like `connect`."""
+    return _connect_waiting(base_url, TIMEOUT, bound_results)
+
+
+def _connect_waiting(
+    base_url: str | None, timeout: httpx2.Timeout, limit: Callable[[httpx2.Response], None]
+) -> anthropic.Anthropic:
+    """Make a client that waits for each answer, whose bodies have a limit."""
     with _explaining():
         check_proxies(context := certificates(), anthropic.DefaultHttpxClient)
-        http = anthropic.DefaultHttpxClient(timeout=TIMEOUT, verify=context, event_hooks={"response": [bound_results]})
-        client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT, http_client=http)
+        http = anthropic.DefaultHttpxClient(timeout=timeout, verify=context, event_hooks={"response": [limit]})
+        client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=timeout, http_client=http)
         _check_key(client)
         return client
+
+
+@dataclass(frozen=True, slots=True)
+class ClaudeCatalogue:
+    """What the Models API and the SDK tell of models (see `tacevo.llm.capabilities.Catalogue`)."""
+
+    base_url: str | None
+
+    def ask(self, model: str) -> Json:
+        """Ask the Models API once; None where there is none, or its answer cannot be read."""
+        try:
+            with _connect_waiting(self.base_url, _ASKING, bound) as client:
+                told = client.models.with_raw_response.retrieve(model)
+                return read_body(told.http_response.content)
+        except (*FAILURES, FaultError, httpx2.RequestError, httpx2.StreamError):
+            return None
+
+    def end(self, model: str) -> str | None:
+        """Return the end of a model as the SDK has it, which it writes as `November 30th, 2026`."""
+        written = re.sub(r"(\d)(st|nd|rd|th)\b", r"\1", DEPRECATED_MODELS.get(model, ""))
+        try:
+            return datetime.strptime(written, "%B %d, %Y").date().isoformat()
+        except ValueError:
+            return None
 
 
 @contextlib.contextmanager
@@ -94,10 +132,16 @@ def secrets_of(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> tuple[
 
 def body_of(request: Request, dropped: tuple[str, ...]) -> Body:
     """Write a request as the Messages API wants it; the draw number stays here: it is not a setting of a model."""
-    settings: dict[str, Json] = {"temperature": request.temperature, **dict(request.settings)}
-    thinking = settings.pop("thinking_tokens", None)
-    if thinking is not None:
-        settings["thinking"] = {"type": "enabled", "budget_tokens": thinking}
+    settings: dict[str, Json] = dict(request.settings)
+    if request.temperature is not None:
+        settings["temperature"] = request.temperature
+    thinking = settings.pop("thinking_tokens", settings.get("thinking"))
+    if isinstance(thinking, str):
+        settings["thinking"] = {"type": thinking}
+    elif thinking is not None:
+        settings["thinking"] = {"type": BUDGETED, "budget_tokens": thinking}
+    if "effort" in settings:
+        settings["output_config"] = {"effort": settings.pop("effort")}
     return {
         "model": request.model,
         **({"system": request.system} if request.system else {}),

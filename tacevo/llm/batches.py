@@ -21,9 +21,9 @@ from anthropic.types.messages import MessageBatchIndividualResponse, MessageBatc
 from anthropic.types.messages.batch_create_params import Request as BatchRequest
 
 from tacevo.errors import ConfigError, StoreError, TransportError
-from tacevo.llm.anthropic import FAILURES, body_of, secrets_of
+from tacevo.llm.anthropic import FAILURES, AnthropicServer, body_of, secrets_of
 from tacevo.llm.bodies import read_message
-from tacevo.llm.failures import Failures, Models
+from tacevo.llm.failures import Failures, Models, settings_of
 from tacevo.llm.recording import unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_connection, fault_of_status
 from tacevo.parts.provider import Keep
@@ -112,6 +112,8 @@ class BatchLLM:
         known = [(path, _read(path)) for path in sorted(directory.glob("*.json"))]
         submitted = [(path, record) for path, record in known if record.dropped.keys() & wanted.keys()]
         left = [key for key in wanted if all(key not in record.dropped for _, record in submitted)]
+        # One goes ahead for each choice of settings that may be refused, so that a refusal costs one request.
+        left = [key for key in left if self.models.is_doubted(wanted[key][1])][:1] or left
         for start in range(0, len(left), MOST_REQUESTS):
             asked = {key: wanted[key][1] for key in left[start : start + MOST_REQUESTS]}
             dropped = {
@@ -214,7 +216,7 @@ class BatchLLM:
 
 
 def _settings(request: Request) -> set[str]:
-    return {"temperature", *dict(request.settings)}
+    return settings_of(request, AnthropicServer.sampling)
 
 
 def _read_outcome(outcome: MessageBatchResult, batch: str) -> Completion | Fault:

@@ -2,13 +2,14 @@
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Set
+from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field, replace
 
 from tacevo.errors import ConfigError, TransportError
+from tacevo.llm.capabilities import Capabilities, Catalogue, takes_settings, thinks
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import Choice, choice
-from tacevo.llm.retry import Fault, FaultKind, setting_to_drop
+from tacevo.llm.retry import DOUBTED, Fault, FaultKind, refused_setting, setting_to_drop
 from tacevo.llm.stops import UNKNOWN
 from tacevo.records import Completion, Delivery, Request
 from tacevo.redaction import repeats_secret, without_secrets
@@ -18,6 +19,12 @@ _LOG = logging.getLogger(__name__)
 
 #: The stop reason of an answer that repeats the key, in the place of its own.
 KEY_REPEATED = "key_repeated"
+
+#: What is said where a temperature is not sent because of thinking.
+_NO_TEMPERATURE = (
+    "temperature is not sent, because the API takes none while a model thinks (llm.thinking); so the temperature rule "
+    "has no effect"
+)
 
 #: The number of models that a message names of those that a server lists.
 _MOST_NAMES = 20
@@ -35,6 +42,7 @@ class Models:
         prices: whose models a user may choose instead of one that the server lacks; None where it is not about this
             provider.
         unlabelled: what the server calls the model, where requests have a label in its place; else None.
+        catalogue: tells what the models take; None where nothing does.
     """
 
     def __init__(
@@ -44,8 +52,12 @@ class Models:
         *,
         prices: PriceTable | None = None,
         unlabelled: str | None = None,
+        catalogue: Catalogue | None = None,
     ) -> None:
         self.name = name
+        self.catalogue = catalogue
+        #: What is known of the model before the first request.
+        self.known = Capabilities()
         self._recorded = recorded
         self._prices = prices
         self._unlabelled = unlabelled
@@ -64,14 +76,33 @@ class Models:
         return request if self._unlabelled is None else replace(request, model=self._unlabelled)
 
     def dropped(self, request: Request) -> tuple[str, ...]:
-        """Return the sampling settings that are not sent to a request's model, sorted."""
-        return self._dropped.get(request.model, ())
+        """Return the sampling settings that a request is sent without, sorted: its model or its thinking takes none."""
+        refused = self._dropped.get(request.model, ())
+        if request.temperature is None or not thinks(request.settings) or "temperature" in refused:
+            return refused
+        self._warn_once("thinking", f"{_NO_TEMPERATURE} (reported once)")
+        return tuple(sorted({*refused, "temperature"}))
+
+    def is_doubted(self, request: Request) -> bool:
+        """Answer whether a request has settings that many models refuse, and nothing says that this one takes them."""
+        settings = dict(request.settings)
+        doubted = bool(DOUBTED & settings.keys()) and not self._answers.get(choice(request), False)
+        return doubted and takes_settings(self.known, settings) is not True
+
+    def refused(self, request: Request, fault: Fault) -> str | None:
+        """Return which setting a refusal is about that is not dropped; None where it is about none."""
+        said = fault.message.replace(self.sent(request).model, "")  # whose name may be a setting's
+        return refused_setting(replace(fault, message=said), {"max_tokens", *dict(request.settings)})
+
+    def refuses_choice(self, request: Request, fault: Fault) -> bool:
+        """Answer whether a refusal is of a setting that many models refuse, hence of all requests of its choice."""
+        return self.refused(request, fault) in DOUBTED and not self.answers(request)
 
     def learn(self, request: Request, sent: Set[str], fault: Fault) -> bool:
         """Learn from a refusal of what was sent with some settings; return whether to try again without one of them."""
         name = setting_to_drop(fault, sent)
         if name is not None:
-            self._dropped[request.model] = tuple(sorted({*self.dropped(request), name}))
+            self._dropped[request.model] = tuple(sorted({*self._dropped.get(request.model, ()), name}))
         return name is not None
 
     def lacking(self, model: str, said: str) -> ConfigError:
@@ -144,7 +175,7 @@ class Failures:
     @property
     def hopeless(self) -> bool:
         """Whether nothing further should begin."""
-        return any(fault.hopeless for _, _, fault in self._all)
+        return any(fault.hopeless or self.models.refuses_choice(request, fault) for _, request, fault in self._all)
 
     def recorded(self) -> list[tuple[int, Completion]]:
         """Return completions in place of the requests that can never be answered, so that they stop no run.
@@ -183,6 +214,9 @@ class Failures:
         rest = [fault for _, request, fault in self._all if not self._is_about_the_request(request, fault)]
         passing = [fault for fault in rest if fault.kind is FaultKind.passing]
         final = next((fault for fault in rest if fault.kind is not FaultKind.passing), None)
+        for _, request, fault in self._all:
+            if not self._is_about_the_request(request, fault) and (name := self.models.refused(request, fault)):
+                raise _refusal(name, request, fault)
         if final is not None:
             raise ConfigError(f"the server says: {final.message}", place=self.models.name, remedy=final.remedy)
         if passing:
@@ -198,6 +232,30 @@ class Failures:
         if fault.kind is FaultKind.request or self.models.answered_since(request, fault.at):
             return True
         return Counter(other.message for _, _, other in self._all)[fault.message] == 1
+
+
+def settings_of(request: Request, always: Iterable[str]) -> set[str]:
+    """Return the names of the settings that a request is sent with: its own, and those that every request has.
+
+    A temperature that is carried otherwise is not among them.
+    """
+    lacking = {"temperature"} if request.temperature is None else set()
+    return {*always, *dict(request.settings)} - lacking
+
+
+def _refusal(name: str, request: Request, fault: Fault) -> ConfigError:
+    """Return the error about a setting that a server refuses; it names the setting as the user writes it."""
+    value = dict(request.settings).get(name, request.max_tokens)
+    key = "thinking" if name == "thinking_tokens" else name
+    shown = list(value) if isinstance(value, tuple) else value
+    by_temperature = name == "effort" and request.temperature is None
+    chosen = "; where temperature.carrier=effort chose it: set temperature.efforts" if by_temperature else ""
+    return ConfigError(
+        f"{shown}, which {request.model} refuses: {fault.message}",
+        place=f"llm.{key}",
+        expected="a value that the model takes",
+        remedy=f"choose another value, leave llm.{key} out, or choose another llm.model{chosen}",
+    )
 
 
 def check_key(key: str, variable: str) -> None:

@@ -23,7 +23,8 @@ from typing import Any, Protocol, TypeVar
 
 import httpx2
 
-from tacevo.llm.failures import Failures, Models
+from tacevo.llm.capabilities import Catalogue
+from tacevo.llm.failures import Failures, Models, settings_of
 from tacevo.llm.recording import ever_answered, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.llm.wire import HOOKS, SENDING, Sending, certificates, check_proxies
@@ -74,7 +75,9 @@ class Server(Protocol):
 _Arrivals = queue.SimpleQueue[tuple[int, Completion | Fault] | Exception | None]
 
 
-def asking(given: Given, connect: Callable[[str | None, int], Server]) -> "HostedLLM":
+def asking(
+    given: Given, connect: Callable[[str | None, int], Server], catalogue: Catalogue | None = None
+) -> "HostedLLM":
     """Make what asks a server by the settings of `llm`; a missing key is an error at once.
 
     Raises:
@@ -83,14 +86,20 @@ def asking(given: Given, connect: Callable[[str | None, int], Server]) -> "Hoste
     llm = given.settings
     connect(llm["base_url"], 1)
     connected = partial(connect, llm["base_url"], llm["concurrency"])
-    return HostedLLM(connected, concurrency=llm["concurrency"], models=models_of(given))
+    return HostedLLM(connected, concurrency=llm["concurrency"], models=models_of(given, catalogue))
 
 
-def models_of(given: Given) -> Models:
+def models_of(given: Given, catalogue: Catalogue | None = None) -> Models:
     """Return what is known of the models that the settings of `llm` ask, before the first request."""
     llm, store = given.settings, completions(given.root)
     unlabelled = None if llm["label"] is None else llm["model"]
-    return Models(f"llm={llm['provider']}", partial(ever_answered, store), prices=given.prices, unlabelled=unlabelled)
+    return Models(
+        f"llm={llm['provider']}",
+        partial(ever_answered, store),
+        prices=given.prices,
+        unlabelled=unlabelled,
+        catalogue=catalogue,
+    )
 
 
 def completions(root: Path) -> Store:
@@ -189,18 +198,24 @@ class _Asking:
     async def _ask_all(self, requests: Sequence[Request], concurrency: int) -> None:
         self.loop = asyncio.get_running_loop()
         self.loop.set_default_executor(ThreadPoolExecutor(_WRITERS))
-        waiting = iter(enumerate(requests))
+        left = list(enumerate(requests))
 
-        async def work() -> None:
+        async def work(waiting: Iterator[tuple[int, Request]]) -> None:
             for position, request in waiting:  # shared: each request goes to the first place that is free
                 if self.over.is_set():
                     return
                 await self._answer(position, request)
 
         try:
-            places = []
-            for _ in range(min(concurrency, len(requests))):
-                places.append(asyncio.create_task(work()))
+            # One goes ahead for each choice of settings that may be refused, so that a refusal costs one request.
+            while (ahead := next((each for each in left if self.models.is_doubted(each[1])), None)) is not None:
+                left.remove(ahead)
+                await asyncio.create_task(self._answer(*ahead))
+                if self.over.is_set():
+                    left = []
+            places, waiting = [], iter(left)
+            for _ in range(min(concurrency, len(left))):
+                places.append(asyncio.create_task(work(waiting)))
                 # Thousands that begin in one go outlast the time in which the first must connect.
                 await asyncio.sleep(0)
             await asyncio.gather(*places)
@@ -226,14 +241,14 @@ class _Asking:
             self.asking.pop(asyncio.current_task(), None)
         if isinstance(answer, Fault):
             self.lacks_a_model = self.lacks_a_model or answer.kind is FaultKind.unknown
-            if answer.hopeless:
+            if answer.hopeless or self.models.refuses_choice(request, answer):
                 self.over.set()
         self.arrivals.put((position, answer))
 
     async def _ask(self, request: Request) -> Completion | Fault:
         """Try until there is an answer, or no use in trying."""
         secrets, tried, task = self.server.secrets, 0, asyncio.current_task()
-        wanted = {*self.server.sampling, *dict(request.settings)}
+        wanted = settings_of(request, self.server.sampling)
         while True:
             dropped = tuple(name for name in self.models.dropped(request) if name in wanted)
             tried += 1

@@ -124,10 +124,15 @@ def connect(base_url: str | None, concurrency: int, dialect: Dialect | None = No
 def body_of(request: Request, dropped: tuple[str, ...], *, limit_name: str) -> Body:
     """Write a request as the chat-completions API wants it."""
     system = [{"role": "system", "content": request.system}] if request.system else []
-    settings: dict[str, Json] = {"temperature": request.temperature, "seed": request.draw, **dict(request.settings)}
+    settings: dict[str, Json] = {"seed": request.draw, **dict(request.settings)}
+    if request.temperature is not None:
+        settings["temperature"] = request.temperature
     stop = settings.pop("stop_sequences", None)
     if stop is not None:
         settings["stop"] = stop
+    effort = settings.pop("effort", None)
+    if effort is not None:
+        settings["reasoning_effort"] = effort
     return {
         "model": request.model,
         "messages": [*system, *({"role": turn.role, "content": turn.content} for turn in request.messages)],

@@ -1,5 +1,6 @@
 """The prices of tokens: a dated table, the price of one answer, and the most that a request can cost. Pure."""
 
+import json
 import re
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -7,7 +8,7 @@ from typing import Annotated
 from annotated_types import Ge
 from pydantic import StringConstraints
 
-from tacevo.records import Completion, Delivery, Price, Record, Request
+from tacevo.records import Completion, Delivery, LongPrompts, Price, Record, Request, token_count
 
 _Day = Annotated[str, StringConstraints(pattern=r"^\d{4}-\d\d-\d\d$")]
 
@@ -31,6 +32,8 @@ class ListedPrice(Record):
     source: str
     #: The day from which on the provider no longer serves the model; None where none is announced.
     retired: _Day | None = None
+    #: What a request with a long prompt costs, where that is more.
+    long: LongPrompts | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,16 +63,24 @@ class PriceTable(Record):
         if listed is None:
             return None
         factor = 1.0 if delivery is Delivery.direct else self.batch_factor
-        return Price(input_usd=listed.input_usd, output_usd=listed.output_usd, dated=listed.dated, factor=factor)
+        usd = {"input_usd": listed.input_usd, "output_usd": listed.output_usd}
+        return Price(**usd, dated=listed.dated, factor=factor, long=listed.long)
 
     def _listed(self, model: str) -> ListedPrice | None:
         """Look a model up by its name, or by its name without its date."""
         return self.models.get(model) or self.models.get(_DATE.sub("", model))
 
     def price_of(self, request: Request, completion: Completion) -> Price | None:
-        """Return the price of an answer: that of the model which answered, else of the one that was asked."""
-        price = self.price(completion.model, completion.delivery) or self.price(request.model, completion.delivery)
-        if price is None or (completion.cache_read, completion.cache_written) == (0, 0):
+        """Return the price of an answer: that of the model which answered, else of the one that was asked.
+
+        Where the tokens of its prompt are not known, it has as many as it may have.
+        """
+        listed = self.price(completion.model, completion.delivery) or self.price(request.model, completion.delivery)
+        if listed is None:
+            return None
+        prompt = token_count(completion.input_tokens)
+        price = listed.of_prompt(most_input_tokens(request) if prompt is None else prompt)
+        if (completion.cache_read, completion.cache_written) == (0, 0):
             return price
         read, write = self.cache_read_factor, self.cache_write_factor
         return replace(
@@ -90,6 +101,13 @@ def likely_tokens(text: str) -> int:
     return -(-len(text) // CHARACTERS_PER_TOKEN)
 
 
+def line_to_add(model: str) -> str:
+    """Write the line that a price table lacks, for the user to fill in."""
+    name = model if re.fullmatch(r"[A-Za-z][\w./-]*", model) else json.dumps(model)
+    return f'{name}: {{input_usd: X, output_usd: Y, dated: "YYYY-MM-DD", source: PAGE}}'
+
+
 def worst_case(price: Price, request: Request) -> float:
     """Return the most that a request can cost, in US dollars: every byte a token, and an answer to the limit."""
-    return price.cost(most_input_tokens(request), request.max_tokens)
+    tokens = most_input_tokens(request)
+    return price.of_prompt(tokens).cost(tokens, request.max_tokens)

@@ -41,6 +41,18 @@ def ever_refused(store: Store, chosen: Choice, setting: str) -> bool:
     return any(setting in answer.dropped and choice(asked) == chosen for asked, answer in _recorded(store))
 
 
+def temperature_taken(store: Store, chosen: Choice) -> bool | None:
+    """Return whether requests of a choice were answered with their temperature; None where no answer tells."""
+    for asked, answer in _recorded(store):
+        if (
+            asked.temperature is not None
+            and choice(asked) == chosen
+            and (answer.text or "temperature" in answer.dropped)
+        ):
+            return "temperature" not in answer.dropped
+    return None
+
+
 def _recorded(store: Store) -> Iterator[tuple[Request, Completion]]:
     """Yield requests with their answers, as far as they can be read: one that cannot proves nothing."""
     for entry in store.sound():

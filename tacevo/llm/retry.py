@@ -43,6 +43,18 @@ from tacevo.records import Json
 #: The settings by which a provider draws tokens, and which a model may refuse; the last one named goes first.
 SAMPLING = ("temperature", "top_p", "top_k", "seed")
 
+#: The other settings that a server may refuse, by the names that servers have for them; without one of them a request
+#: would be another one, so it is not sent again.
+_NAMED = {
+    "effort": r"\b(output_config|reasoning_effort|effort)\b",
+    "thinking": r"\b(thinking|budget_tokens)\b",
+    "max_tokens": r"\bmax_(completion_)?tokens\b",
+    "stop_sequences": r"\bstop(_sequences)?\b",
+}
+
+#: The settings of a request that many models refuse: the first of such requests goes ahead of all others.
+DOUBTED = frozenset({"effort", "thinking", "thinking_tokens"})
+
 #: Characters of a server's words that a message has.
 _LONGEST = 500
 
@@ -220,6 +232,20 @@ def setting_to_drop(fault: Fault, sent: Set[str]) -> str | None:
         return None
     named = [name for name in SAMPLING if name in sent and re.search(rf"\b{name}\b", fault.message)]
     return named[-1] if named else None
+
+
+def refused_setting(fault: Fault, sent: Set[str]) -> str | None:
+    """Find the setting that a refusal is about and that is not dropped: of those sent, the one it names first."""
+    if fault.kind is not FaultKind.doubtful:
+        return None
+    named = {name: re.search(pattern, fault.message) for name, pattern in _NAMED.items()}
+    places = {
+        written: match.start()
+        for name, match in named.items()
+        for written in (name, f"{name}_tokens")
+        if match is not None and written in sent
+    }
+    return min(places, key=lambda name: places[name], default=None)
 
 
 def _kind(status: int, said: str) -> FaultKind:

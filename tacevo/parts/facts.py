@@ -112,7 +112,7 @@ PROVIDERS: Mapping[str, ProviderFacts] = {
     "openai": ProviderFacts(
         host="api.openai.com",
         variable="OPENAI_BASE_URL",
-        sampling=tuple(name for name in OPTIONAL_SAMPLING if name != "thinking_tokens"),
+        sampling=tuple(name for name in OPTIONAL_SAMPLING if not name.startswith("thinking")),
     ),
 }
 

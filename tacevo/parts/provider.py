@@ -21,7 +21,8 @@ class Provider(Protocol):
         """Answer different requests, in any order.
 
         Args:
-            requests: each with its system prompt, messages, temperature, token limit and further settings.
+            requests: each with its system prompt, messages, temperature (None: send none), token limit and further
+                settings.
             keep: is called with each answer as soon as it arrives, so that nothing that was paid for is lost.
 
         Yields:

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self
 
-from tacevo.choices import PAPER_AXES, Scale
+from tacevo.choices import PAPER_AXES, Carrier, Scale
 from tacevo.config.identity import identity, task_hash
 from tacevo.config.recorded_parts import constant
 from tacevo.config.schema import RunConfig, StoreConfig
@@ -19,9 +19,11 @@ from tacevo.costs import Spending
 from tacevo.environment import doubting
 from tacevo.errors import RunError
 from tacevo.evolution.archive import AxisBounds, best_distinct
+from tacevo.evolution.carriers import LEVELS
 from tacevo.evolution.chance import shortfall
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.lines import (
+    TEMPERATURE,
     CandidateLine,
     GenerationLine,
     not_sent,
@@ -278,7 +280,48 @@ class RecordedRun:
     @property
     def not_sent(self) -> Mapping[str, str]:
         """Words on the sampling settings that were not sent, by setting (see `tacevo.evolution.lines.not_sent`)."""
-        return not_sent([one.dropped for one in self.answered])
+        refused = not_sent([one.dropped for one in self.answered], thinks=self.config.llm.thinks)
+        if self.carrier is not Carrier.none:
+            return refused
+        return {TEMPERATURE: "temperature was not sent: temperature.carrier=none", **refused}
+
+    @property
+    def carrier(self) -> Carrier:
+        """The carrier of the requests' temperatures."""
+        return self.config.temperature.carrier
+
+    @property
+    def carried(self) -> str:
+        """Words on the carrier, for behind the name of a temperature; empty where it is sent as such."""
+        by = "nothing" if self.carrier is Carrier.none else self.carrier
+        return "" if self.carrier is Carrier.parameter else f" (carried by {by})"
+
+    @property
+    def carrier_note(self) -> str:
+        """A sentence on what the temperatures chose in their own place; empty where they chose nothing."""
+        if self.carrier is Carrier.words:
+            return f"T is carried by words: it chooses one of {LEVELS} sentences of the task's library."
+        if self.carrier is Carrier.effort:
+            return f"T is carried by effort: it chooses one of {listed(self.config.temperature.efforts)}."
+        return ""
+
+    @property
+    def on_sampling(self) -> tuple[str, ...]:
+        """Remarks on what carries temperatures, and on settings that were not sent."""
+        return (*([self.carrier_note] if self.carrier_note else []), *self.not_sent.values())
+
+    @property
+    def levels(self) -> int:
+        """The number of sentences or efforts of which temperatures choose one; 0 where they choose none."""
+        efforts = len(self.config.temperature.efforts)
+        return {Carrier.words: LEVELS, Carrier.effort: efforts}.get(self.carrier, 0)
+
+    def acted_temperature(self, line: CandidateLine) -> float | None:
+        """Return the temperature of a request as it reached the model, in [0, 1]; None where none did.
+
+        Of a sentence or an effort it is the middle of the part of [0, 1] that it stands for.
+        """
+        return line.sent_temperature if line.level is None else (line.level - 0.5) / self.levels
 
     def ranked(self) -> tuple[EliteEntry, ...]:
         """Return the elites, best fitness first; the earlier candidate where two are equal."""

@@ -4,7 +4,7 @@ It follows from the ledger; of candidates that are alike in all that it says, al
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 
 from tacevo.config.recorded_parts import brought, constant, own_axes
 from tacevo.config.schema import RunConfig
@@ -39,7 +39,7 @@ def summarise(run: RecordedRun) -> str:
     """
     prose = [data_in_words(run), *_unpromised(run.candidates), *_eager(run.candidates)]
     parts = [f"# {in_markdown(run.record.name)}", *_short(run, in_markdown), *map(in_markdown, prose)]
-    return "\n\n".join([*parts, *([_progress(run.generations, run.config)] if run.generations else [])]) + "\n"
+    return "\n\n".join([*parts, *([_progress(run)] if run.generations else [])]) + "\n"
 
 
 def in_short(run: RecordedRun) -> str:
@@ -120,11 +120,11 @@ def data_in_words(run: RecordedRun) -> str:
 
 
 def _not_sent(run: RecordedRun) -> str:
-    """Say which sampling settings the model refuses, and what that makes of T."""
+    """Say what carries T, which sampling settings were not sent, and what that makes of T."""
+    carried = [run.carrier_note] if run.carrier_note else []
     planned = ["T, and the temperatures of the prompt archive, are what was planned."]
-    return " ".join(
-        [*(f"{words}." for words in run.not_sent.values()), *(planned if TEMPERATURE in run.not_sent else [])]
-    )
+    unsent = [*(f"{words}." for words in run.not_sent.values()), *(planned if TEMPERATURE in run.not_sent else [])]
+    return " ".join([*carried, *unsent])
 
 
 def outcome_in_words(run: RecordedRun) -> tuple[str, str]:
@@ -248,15 +248,15 @@ def _cost(run: RecordedRun) -> list[str]:
     return [f"Cost: {in_words(spent)}.{gap}"] if spent.usd or spent.unpriced else []
 
 
-def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
+def _progress(run: RecordedRun) -> str:
     rows = [
         [str(line.generation), _trained(line), _number(line.best),
          _number(line.generation_median), _percent(line.coverage), _percent(line.prompt_coverage),
          _number(line.qd_score), _number(line.temperature)]
-        for line in generations
+        for line in run.generations
     ]  # fmt: skip
-    did = evaluated(config)
-    header = ["generation", did, "best", "median", "networks", "prompts", "QD-score", "T"]
+    config, did = run.config, evaluated(run.config)
+    header = ["generation", did, "best", "median", "networks", "prompts", "QD-score", f"T{run.carried}"]
     words = (
         f"`{did}` is of all slots; in generation 0 the baseline has one of them. `networks` and `prompts` are the "
         "coverage of the two archives."

@@ -7,6 +7,7 @@ in all of them, or a difference between two arms would be one of data, of budget
 import json
 from collections.abc import Callable
 
+from tacevo.choices import Carrier
 from tacevo.errors import IncomparableError
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.evolution.run_files import rules_in_words
@@ -32,8 +33,8 @@ _REMEDIES = {
     "versions": "delete the directories of the older jobs, and repeat the command that began the sweep with another "
     "store.root, because what the old stores hold is not computed again",
     "archive": "use the same niches in all archives of one kind, and another sweep for other niches",
-    TEMPERATURE: "delete the directories of such arms to compare the others; these need a model that takes "
-    "temperatures",
+    TEMPERATURE: "delete the directories of such arms to compare the others; these need what carries "
+    "temperatures to the model (temperature.carrier)",
     "arm": "delete the directory that does not belong to the arm, whose runs may differ in their seed only",
 }
 
@@ -47,9 +48,10 @@ def check_sweep(sweep: RecordedSweep) -> None:
             refuses; the message names the jobs, the field and both values. Where the data follow from the seed, those
             of one seed are compared.
     """
-    first = sweep.finished[0]
-    for other in sweep.finished[1:]:
-        _check_temperatures(sweep, first, other)
+    of_carriers: dict[Carrier, FinishedJob] = {}
+    for other in sweep.finished:
+        _check_temperatures(sweep, sweep.finished[0], other)
+        _check_temperatures(sweep, of_carriers.setdefault(other.run.carrier, other), other)
     _compare_with_first(sweep, lambda one: "", _terms)
     _compare_with_first(sweep, lambda one: str(one.job.seed) if sweep.terms.vary else "", _data)
     _compare_with_first(sweep, _kind_of_archive, _niches)
@@ -57,14 +59,20 @@ def check_sweep(sweep: RecordedSweep) -> None:
 
 
 def _check_temperatures(sweep: RecordedSweep, one: FinishedJob, two: FinishedJob) -> None:
-    """Check that two jobs do not differ in temperatures that were never sent to the model."""
-    idle = [job for job in (one, two) if TEMPERATURE in job.run.not_sent]
-    if idle and one.run.config.temperature != two.run.config.temperature:
+    """Check that two jobs do not differ in temperatures that never reached the model of one, or of both.
+
+    Where it was chosen that nothing carries them, a job is compared with those whose temperatures are carried.
+    """
+    nominal = [job for job in (one, two) if job.run.carrier is Carrier.none]
+    refused = [job for job in (one, two) if TEMPERATURE in job.run.not_sent and job not in nominal]
+    if one.run.config.temperature != two.run.config.temperature and (refused or len(nominal) == 2):
+        idle = (refused or nominal)[0]
+        why = f"the model of {idle.job.name} refuses temperatures" if refused else "nothing carries them"
         raise IncomparableError(
-            f"different ones in {one.job.name} and {two.job.name}, and in {idle[0].job.name} "
-            f"{idle[0].run.not_sent[TEMPERATURE]}",
+            f"different ones in {one.job.name} and {two.job.name}, and in {idle.job.name} "
+            f"{idle.run.not_sent[TEMPERATURE]}",
             place=f"{sweep.path}, {TEMPERATURE}",
-            expected=f"equal temperatures, because the model of {idle[0].job.name} refuses temperatures",
+            expected=f"equal temperatures, because {why}",
             remedy=_REMEDIES[TEMPERATURE],
         )
 

@@ -4,23 +4,24 @@ The requests of generation 0 are those that a search would send. Later ones depe
 quotes one network, a crossover two, and their length is a guess. `llm.budget_usd` is the limit.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.config.schema import UNCHOSEN, RunConfig
+from tacevo.choices import Thinking
+from tacevo.config.schema import UNCHOSEN, LLMConfig, RunConfig
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.errors import TacevoError
 from tacevo.evolution.prompts import crossover_text, mutation_text
 from tacevo.evolution.proposals import plan_initial
-from tacevo.llm.prices import likely_tokens
-from tacevo.records import Completion, DataFacts, Delivery, Mode, Request, Task, to_json
+from tacevo.llm.prices import likely_tokens, line_to_add
+from tacevo.records import Completion, DataFacts, Delivery, Mode, Request, Setting, Task, to_json
 from tacevo.runs.datasets import source_of
 from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.pace import Measure, Pace, Saving, growth, measure, part_saved, training_images, trainings
 from tacevo.runs.progress import LONG, told_saving
-from tacevo.runs.providers import prices_of
+from tacevo.runs.providers import asks_elsewhere, prices_of, provider_settings
 from tacevo.runs.wiring import build_settings
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.listing import scan
@@ -44,7 +45,9 @@ class Estimate:
     recorded: int
     #: The number of completions of this model in the store; they give the likely length of an answer.
     samples: int
-    #: Expected values, so not integers.
+    #: Tokens of thinking that are assumed before each answer; None where nothing says whether the model thinks.
+    thinking_tokens: int | None
+    #: Expected values, so not integers; thinking counts as output.
     input_tokens: float
     output_tokens: float
 
@@ -69,16 +72,18 @@ def estimate(config: RunConfig) -> Estimate:
     crossed = later * (1.0 - config.proposals.mutation_probability)
     mutation, crossover = _likely_inputs(task)
     asked = search.initial - recorded + later
-    known = (answer for answer in _answers(Path(config.store.root), config.llm.name) if answer.tokens is not None)
+    known = (answer for answer in _answers(config) if answer.tokens is not None)
     spent = spending_on(known)
     inputs = (asked - crossed) * mutation + crossed * crossover
-    outputs = float(asked * likely_tokens(task.baseline))
+    answer, thinking = likely_tokens(task.baseline), _likely_thinking(config)
+    outputs = float(asked * min(answer + (thinking or 0), max(answer, config.llm.max_tokens)))
     if spent.answers:
         inputs, outputs = (asked * tokens / spent.answers for tokens in (spent.input_tokens, spent.output_tokens))
     return Estimate(
         requests=search.initial + later,
         recorded=recorded,
         samples=spent.answers,
+        thinking_tokens=thinking,
         input_tokens=inputs,
         output_tokens=outputs,
     )
@@ -106,9 +111,7 @@ def describe_cost(config: RunConfig) -> str:
     """Write down what a search asks for: requests, tokens, and the cost by model and delivery; nothing is measured."""
     estimated = estimate(config)
     delivered = config.llm.facts.deliveries
-    basis = "networks are as long as the baseline, and a token has four characters"
-    if estimated.samples:
-        basis = f"answers are like the mean of the {estimated.samples} recorded ones of this model"
+    basis = _basis(config, estimated)
     repairs = ", and no answer is sent back for repair" if config.proposals.repair_attempts else ""
     ends = ", and search.training_flops does not end the search early" if config.search.training_flops else ""
     header = ["input tokens", "output tokens", *(f"USD {each.value}" for each in delivered)]
@@ -125,6 +128,28 @@ def describe_cost(config: RunConfig) -> str:
             *_remarks(config),
         ]
     )
+
+
+def _basis(config: RunConfig, estimated: Estimate) -> str:
+    """Say what the tokens of an estimate assume of an answer."""
+    if estimated.samples:
+        return f"answers are like the mean of the {estimated.samples} recorded ones of this model with these settings"
+    basis = "networks are as long as the baseline, and a token has four characters"
+    if not config.llm.facts.is_model or estimated.thinking_tokens == 0:
+        return basis
+    if estimated.thinking_tokens is None:
+        return f"{basis}, and the model does not think before it answers, which would be billed as output"
+    return f"{basis}, and the model thinks before each answer as long as it may: {estimated.thinking_tokens:,} tokens"
+
+
+def _likely_thinking(config: RunConfig) -> int | None:
+    """Return the most tokens that a model may think before an answer as long as the baseline's; None if it may not."""
+    llm = config.llm
+    if llm.thinking is None and llm.thinking_tokens is None:
+        return None
+    if llm.thinking == Thinking.disabled:
+        return 0
+    return llm.max_tokens if llm.thinking == Thinking.adaptive else int(llm.thinking or llm.thinking_tokens or 0)
 
 
 def describe_estimates(jobs: Sequence[tuple[str, RunConfig]], measure: Measure = measure) -> str:
@@ -162,7 +187,9 @@ def _costs(config: RunConfig, estimated: Estimate, delivered: Sequence[Delivery]
     """Price the tokens for each delivery; None where the provider has none such, or its price is not known."""
     table, offered = prices_of(config.llm), config.llm.facts.deliveries
     prices = [table.price(config.llm.name, each) if each in offered else None for each in delivered]
-    return [None if price is None else price.cost(estimated.input_tokens, estimated.output_tokens) for price in prices]
+    usual = estimated.input_tokens / max(estimated.requests - estimated.recorded, 1)
+    tokens = estimated.input_tokens, estimated.output_tokens
+    return [None if price is None else price.of_prompt(usual).cost(*tokens) for price in prices]
 
 
 def _seconds(config: RunConfig, measure: Measure, paces: dict[str, Pace | None]) -> float | None:
@@ -233,20 +260,37 @@ def _likely_inputs(task: Task) -> tuple[int, int]:
     return mutation, crossover
 
 
-def _answers(root: Path, model: str) -> Iterator[Completion]:
-    """Read the recorded answers to requests of a model, one after the other: a store may be larger than the memory."""
-    for entry in scan(root, ("completions",)):
+def _answers(config: RunConfig) -> Iterator[Completion]:
+    """Read the recorded answers of a model that had the effort and the thinking of a configuration.
+
+    One after the other: a store may be larger than the memory.
+    """
+    chosen = _effort_and_thinking(dict(provider_settings(config.llm)))
+    for entry in scan(Path(config.store.root), ("completions",)):
         if entry.problem is not None:
             raise entry.problem
-        if entry.model == model and entry.completion is not None:
+        is_alike = entry.model == config.llm.name and _effort_and_thinking(entry.settings) == chosen
+        if is_alike and entry.completion is not None:
             yield entry.completion
+
+
+def _effort_and_thinking(settings: Mapping[str, Setting]) -> list[Setting | None]:
+    return [settings.get("effort"), settings.get("thinking", settings.get("thinking_tokens"))]
+
+
+def _unpriced(config: RunConfig) -> str:
+    """Say what a price table lacks, and the very line that it needs."""
+    table, line = config.llm.prices, f"the line `{line_to_add(config.llm.name)}`"
+    if asks_elsewhere(config.llm) and table == LLMConfig.prices:
+        return f"{table} is not about other servers: name a table of your own by llm.prices=FILE, with {line}"
+    return f"{table} lacks the price of this model: add {line} below `models:`"
 
 
 def _remarks(config: RunConfig) -> Sequence[str]:
     """Return the date of the prices, the delivery and budget of this run, and when the model is retired."""
     prices = prices_of(config.llm)
     price = prices.price(config.llm.name, Delivery.direct)
-    known = f"prices of {price.dated}" if price is not None else f"{config.llm.prices} lacks the price of this model"
+    known = f"prices of {price.dated}" if price is not None else _unpriced(config)
     if config.llm.model == UNCHOSEN:
         known = "the cost is that of the model: add llm=anthropic, or llm=openai llm.model=NAME"
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"

@@ -1,15 +1,16 @@
 """The LLM of a run, built from its configuration: provider, budget and store, one before the other."""
 
 import json
+import logging
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
 
-from tacevo.choices import OPTIONAL_SAMPLING
+from tacevo.choices import OPTIONAL_SAMPLING, Carrier
 from tacevo.config.arms import GROUP, read_arm, split_arm
 from tacevo.config.chosen import part_of
 from tacevo.config.conf_folder import config_file, read_named
@@ -20,16 +21,32 @@ from tacevo.errors import ConfigError
 from tacevo.evolution.development import LLM
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.llm.budget import Account, BudgetedLLM
-from tacevo.llm.prices import PriceTable
-from tacevo.llm.recording import RecordingLLM, ever_refused, unkept
+from tacevo.llm.capabilities import (
+    BUDGETED,
+    Capabilities,
+    known_capabilities,
+    recorded_capabilities,
+    takes_temperature,
+)
+from tacevo.llm.described import DescribedLLM
+from tacevo.llm.prices import PriceTable, line_to_add
+from tacevo.llm.recording import RecordingLLM
 from tacevo.parts.kinds import PROVIDERS
 from tacevo.parts.provider import Provider
-from tacevo.records import Json, Mode, Price, Setting, to_json
+from tacevo.records import Completion, Json, Mode, Price, Request, Setting, to_json
 from tacevo.redaction import names_place, without_password
-from tacevo.storage.canonical import canonical, content_hash
+from tacevo.storage.canonical import canonical, content_hash, leaves
 from tacevo.storage.store import Store, Stores
-from tacevo.text import counted
+from tacevo.text import counted, listed
 from tacevo.typed import parse
+
+_LOG = logging.getLogger(__name__)
+
+#: The setting of what carries a temperature.
+CARRIER = f"{TEMPERATURE}.carrier"
+
+#: The kind of thinking that a user writes as a number.
+_THINKING = {BUDGETED: "a number of tokens"}
 
 
 def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) -> LLM:
@@ -44,20 +61,89 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
     llm, root = config.llm, Path(config.store.root)
     stores = stores or Stores(root)
     if mode is Mode.replay or llm.mode is Mode.replay:
+        # It decides nothing in a replay, which reads it so that a bundle has it.
+        recorded_capabilities(stores.of("models", Mode.replay), llm.provider, llm.name)
         return RecordingLLM(None, stores.of("completions", Mode.replay))
     prices = prices_of(llm)
     provider: Provider = part_of(config, PROVIDERS, prices=prices)
-    account = Account(prices.price_of)
+    account, begun = Account(prices.price_of), _Begun()
+    provider = _described(config, provider, stores.of("models", llm.mode), begun)
     if llm.budget_usd is not None:
         provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
+
+    def note(request: Request, completion: Completion) -> None:
+        begun.note(completion)
+        if llm.budget_usd is not None:
+            account.add(request, completion)
+
     return RecordingLLM(
         provider,
         stores.of("completions", llm.mode),
         price=prices.price_of,
-        count=unkept if llm.budget_usd is None else account.add,
+        count=note,
         elsewhere=asks_elsewhere(llm),
         unlabelled=_unlabelled(llm),
     )
+
+
+@dataclass(slots=True)
+class _Begun:
+    """Whether an answer of a run came without the temperature, because its model refuses it; such a run goes on so."""
+
+    is_without: bool = False
+
+    def note(self, completion: Completion) -> None:
+        """Note an answer, recorded or new."""
+        self.is_without |= TEMPERATURE in completion.dropped
+
+
+def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begun) -> Provider:
+    """Let a provider of models be asked only once what its model takes has been checked."""
+    llm, models = config.llm, getattr(provider, "models", None)  # of ours, each has what it knows of its models
+    if models is None:
+        return provider
+
+    def check(known: Capabilities) -> None:
+        models.known = known
+        check_asked(config, known)
+        if not begun.is_without:
+            check_carrier(config)
+
+    return DescribedLLM(
+        provider,
+        models.catalogue,
+        store=store,
+        mode=llm.mode,
+        provider=llm.provider,
+        model=llm.name,
+        served_as=llm.model,
+        check=check,
+    )
+
+
+def check_asked(config: RunConfig, known: Capabilities) -> None:
+    """Check that a model takes what a run is to ask it for, before the first request; warn of a model that ends.
+
+    What is not known is learnt from what the server refuses.
+
+    Raises:
+        ConfigError: it does not take `llm.effort` or `llm.thinking`; the error names what it takes.
+    """
+    llm = config.llm
+    if known.retires is not None:
+        _LOG.warning("llm.model=%s is not served from %s on: choose another model", llm.model, known.retires)
+    kind = BUDGETED if isinstance(llm.thinking, int) or llm.thinking_tokens else llm.thinking
+    kinds = None if known.thinkings is None else [_THINKING.get(each, each) for each in known.thinkings]
+    key = "llm.thinking" if llm.thinking is not None else "llm.thinking_tokens"
+    asked = (("llm.effort", llm.effort, known.efforts), (key, kind and _THINKING.get(kind, kind), kinds))
+    for place, value, taken in asked:
+        if value is not None and taken is not None and value not in taken:
+            raise ConfigError(
+                f"{value}, which {llm.model} does not take",
+                place=place,
+                expected=f"{listed(taken)}, or null" if taken else "null",
+                remedy="change the setting, or choose another llm.model",
+            )
 
 
 def asks_elsewhere(llm: LLMConfig) -> bool:
@@ -95,7 +181,8 @@ def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bo
         paid = f"an answer to the limit of {counted(llm.max_tokens, 'token')} alone is "
         paid += f"{dollars(price.cost(0, llm.max_tokens))} USD"
     else:
-        each = price.cost(before.input_tokens, before.output_tokens) / before.answers
+        usual = price.of_prompt(before.input_tokens / before.answers)
+        each = usual.cost(before.input_tokens, before.output_tokens) / before.answers
         paid = f"some {dollars(requests * each)} USD, if answers are as long as those so far"
     limit = (
         "no limit (llm.budget_usd=N sets one)" if llm.budget_usd is None else f"at most {llm.budget_usd:g} USD in all"
@@ -121,25 +208,71 @@ def _unlabelled(llm: LLMConfig) -> str | None:
 
 
 def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
-    """Check that the model takes a temperature, if temperatures are compared, as far as the recorded answers say.
+    """Check that a temperature reaches the model, if temperatures are compared, as far as the stores say.
 
-    The overrides are what tells a search apart from those that it is compared with, among them its arm. An answer
-    counts if it was given to the same model, token limit and settings.
+    The overrides are what tells a search apart from those that it is compared with, among them its arm.
 
     Raises:
-        ConfigError: they set a temperature, and the model refuses it.
+        ConfigError: they set a temperature, and nothing carries it: `temperature.carrier=none`, or the model refuses
+            it.
     """
     choice, others = split_arm(overrides)
-    settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
-    settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
-    llm = config.llm
-    chosen = (llm.name, llm.max_tokens, provider_settings(llm, config.own_settings(llm.provider)))
-    if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
+    of_arm = [key for key, _ in leaves(read_arm(choice)) if _is_of_temperature(key)]
+    chosen = [each for each in others if _is_of_temperature(each.partition("=")[0])]
+    settings = [*([f"{GROUP}={choice}"] if of_arm else []), *chosen]
+    moved = [key for key in (*of_arm, *chosen) if key.partition("=")[0] != CARRIER]
+    if moved and config.temperature.carrier is Carrier.none:
         raise ConfigError(
-            f"{llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
+            f"{CARRIER}=none, with which this is the same search under another name",
             place=" ".join(settings),
+            expected="a carrier of the temperature",
+            remedy=f"leave the setting out, or set {CARRIER}=words, effort or parameter",
+        )
+    if settings:
+        check_carrier(config, place=" ".join(settings))
+
+
+def _is_of_temperature(key: str) -> bool:
+    return key.partition(".")[0] == TEMPERATURE
+
+
+def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parameter}") -> None:
+    """Check that what carries the temperature of a search can act on its model, as far as the stores say.
+
+    An answer counts if it was given to the same model, token limit and settings. While a model thinks, no temperature
+    is ever sent. `place` is the setting that an error about the temperature names.
+
+    Raises:
+        ConfigError: the model refuses temperatures, or an effort.
+        StoreError: what is recorded of the model is damaged.
+    """
+    llm, temperature = config.llm, config.temperature
+    settings = provider_settings(llm, config.own_settings(llm.provider))
+    stores = Stores(Path(config.store.root))
+    known = known_capabilities(
+        stores.of("models", Mode.replay),
+        stores.of("completions", Mode.replay),
+        llm.provider,
+        (llm.name, llm.max_tokens, settings),
+    )
+    if temperature.carrier is Carrier.parameter and takes_temperature(known, settings) is False:
+        others = "leave llm.thinking out" if llm.thinks else "choose another llm.model"
+        raise ConfigError(
+            f"{llm.model}, which refuses temperatures" + (" while it thinks" if llm.thinks else ""),
+            place=place,
             expected="a model that takes a temperature",
-            remedy="leave the setting out, or choose another llm.model",
+            remedy=f"set {CARRIER}=words (it chooses a sentence of the task's library), effort (it chooses the model's "
+            f"effort) or none (nothing is sent), or {others}",
+        )
+    lacking = [effort for effort in temperature.efforts if known.efforts is not None and effort not in known.efforts]
+    if temperature.carrier is Carrier.effort and lacking:
+        taken = known.efforts or ()
+        remedy = f"set temperature.efforts=[{','.join(taken)}]" if len(taken) > 1 else f"set {CARRIER}=words or none"
+        raise ConfigError(
+            f"{listed(lacking)}, which {llm.name} does not take",
+            place="temperature.efforts",
+            expected=f"some of {listed(taken)}" if taken else "a model with efforts",
+            remedy=remedy,
         )
 
 
@@ -152,7 +285,8 @@ def provider_settings(llm: LLMConfig, own: Mapping[str, Json] | None = None) -> 
         slips: tuple[str, Setting] = ("slip_rate", llm.slip_rate)
         return (slips,) if llm.space is None else (slips, ("space", content_hash(to_json(llm.space))))
     chosen = {key: getattr(llm, key) for key in OPTIONAL_SAMPLING}
-    sampling = {key: tuple(value) if isinstance(value, list) else value for key, value in chosen.items() if value}
+    sampling: dict[str, Setting] = {key: to_json(value) for key, value in chosen.items() if value}
+    sampling = {key: tuple(value) if isinstance(value, list) else value for key, value in sampling.items()}
     more = {name: canonical(value) for name, value in (own or {}).items()}
     return tuple(sorted((sampling | more).items()))
 
@@ -165,7 +299,7 @@ def _price(llm: LLMConfig, prices: PriceTable) -> Price:
         if asks_elsewhere(llm):
             got += ", which is not about other servers"
         else:
-            remedy = f"add the model to that table, {remedy}"
+            remedy = f"add the line `{line_to_add(llm.name)}` below `models:` of that table, {remedy}"
         raise ConfigError(
             got,
             place="llm.budget_usd",

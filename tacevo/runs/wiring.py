@@ -108,6 +108,8 @@ def build_settings(config: RunConfig, parts: Parts) -> Settings:
         model=config.llm.name,
         max_tokens=config.llm.max_tokens,
         llm=provider_settings(config.llm, config.own_settings(config.llm.provider)),
+        carrier=config.temperature.carrier,
+        efforts=config.temperature.efforts,
         system=config.llm.system,
         operator_for=config.proposals.operator_for,
         answers=config.proposals.answers,

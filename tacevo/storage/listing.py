@@ -1,13 +1,13 @@
 """`tacevo cache verify | import | prune`: what stores hold, whether it is sound, and what comes in from elsewhere."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from tacevo.costs import Spending, spending_on, token_cells, total, usd
 from tacevo.errors import StoreError
-from tacevo.records import Completion, Request
+from tacevo.records import Completion, Request, Setting
 from tacevo.storage.array_store import KIND, check_array
 from tacevo.storage.canonical import content_hash, differences, shown
 from tacevo.storage.store import KINDS, Entry, check_entry, write_entry
@@ -21,8 +21,9 @@ class Stored:
 
     kind: str
     bytes: int
-    #: The model that was asked for a completion, and its answer; empty of another entry.
+    #: The model that was asked for a completion, with which settings, and its answer; empty of another entry.
     model: str = ""
+    settings: Mapping[str, Setting] = field(default_factory=dict)
     completion: Completion | None = None
     #: The error of a damaged file; None if it is sound.
     problem: StoreError | None = None
@@ -77,8 +78,11 @@ def _inspect(root: Path, kind: str, path: Path) -> Stored:
         if path != root / entry.place:
             got = str(path.relative_to(root))
             raise StoreError(got, place=str(path), expected=entry.place, remedy="move it, or delete it")
-        model, completion = _checked_answer(path, entry)
-        return Stored(kind=kind, bytes=size, model=model, completion=completion)
+        request, completion = _checked_answer(path, entry)
+        if request is None:
+            return Stored(kind=kind, bytes=size)
+        settings = dict(request.settings)
+        return Stored(kind=kind, bytes=size, model=request.model, settings=settings, completion=completion)
     except StoreError as error:
         problem = error
     except OSError as error:
@@ -86,8 +90,8 @@ def _inspect(root: Path, kind: str, path: Path) -> Stored:
     return Stored(kind=kind, bytes=size, problem=problem)
 
 
-def _checked_answer(path: Path, entry: Entry) -> tuple[str, Completion | None]:
-    """Check an answer by its kind; return the model and the answer of a completion, of another kind nothing.
+def _checked_answer(path: Path, entry: Entry) -> tuple[Request | None, Completion | None]:
+    """Check an answer by its kind; return the request and the answer of a completion, of another kind nothing.
 
     Raises:
         StoreError: its answer is not a completion, or its request is not a request, although the checksum is right; or
@@ -96,10 +100,10 @@ def _checked_answer(path: Path, entry: Entry) -> tuple[str, Completion | None]:
     if entry.kind == KIND:
         check_array(entry, str(path))
     if entry.kind != "completions":
-        return "", None
+        return None, None
     answer = convert(Completion, entry.answer, place=f"{path}, answer", error=StoreError, remedy="delete it")
     request = convert(Request, entry.request, place=f"{path}, request", error=StoreError, remedy="delete it")
-    return request.model, answer
+    return request, answer
 
 
 def _row(kind: str, model: str, files: Sequence[tuple[int, Spending]]) -> list[str]:

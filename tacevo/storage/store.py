@@ -32,9 +32,9 @@ Seen = Callable[[Path], object]
 #: The kinds of answers that a search keeps.
 SEARCHED = ("answers", "centroids", "completions", "evaluations", "probes")
 
-#: All kinds of answers: those of every search, what parts of a user decide, and the full trainings of studies with the
-#: arrays that these keep.
-KINDS = (*SEARCHED, "arrays", "decisions", "studies")
+#: All kinds of answers: those of every search, what parts of a user decide, what servers tell of their models, and the
+#: full trainings of studies with the arrays that these keep.
+KINDS = (*SEARCHED, "arrays", "decisions", "models", "studies")
 
 #: The remedy for a damaged entry.
 _RESTORE = "restore the file from a copy, or delete it so that it is computed again"

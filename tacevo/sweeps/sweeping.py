@@ -23,12 +23,13 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, telling
+from tacevo.records import Mode
 from tacevo.redaction import check_address, secret_variables
 from tacevo.results.publishable import published_overrides
 from tacevo.results.sweep import Standing
 from tacevo.results.sweep_jobs import varied
 from tacevo.runs.progress import Progress
-from tacevo.runs.providers import check_temperature
+from tacevo.runs.providers import check_carrier, check_temperature
 from tacevo.runs.session import needed_llm
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
@@ -91,6 +92,9 @@ def sweep(
         for job, status in statuses.items():
             if status.standing is Standing.finished:
                 directory.succeed(job)  # it may have been finished by `tacevo search`
+        for job, config in jobs.items():
+            if statuses[job].standing is Standing.waiting and config.llm.mode is not Mode.replay:
+                check_carrier(config)
         every = (*before, *(job for job in jobs if job not in before))
         terms = settled(directory, asked, first)  # again, since nobody else can write now
         if not directory.is_one:

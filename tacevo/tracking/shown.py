@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import AliasPath, Field
 
-from tacevo.choices import PAPER_AXES
+from tacevo.choices import PAPER_AXES, Carrier
 from tacevo.costs import Spending, total
 from tacevo.environment import Code
 from tacevo.errors import RunError
@@ -107,6 +107,9 @@ def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -
     shown = {
         **{key: getattr(line, key) for key in ("operator", "generation", "slot", "stage", "reason")},
         "temperature": line.sent_temperature,
+        "carrier": None if line.carrier is Carrier.parameter else line.carrier,
+        "level": line.level,
+        "effort": line.effort,
         "dropped": ",".join(line.dropped) or None,
         "parents": ",".join(line.parents) or None,
         "repairs": len(line.repairs) or None,

@@ -67,6 +67,8 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "llm.top_k": [0],
     "llm.stop_sequences": [["END", ""]],
     "llm.thinking_tokens": [0, 4096],
+    "llm.effort": ["", "none", "HIGH", 3],
+    "llm.thinking": [0, -1, 4096, True, 1.5, "", "enabled", [1024], {"type": "adaptive"}],
     "llm.budget_usd": [-0.01, NAN, INF],
     "archive.kept": [0],
     "archive.niches": [0, 20_001],
@@ -160,6 +162,13 @@ def test_ends_of_a_range_are_possible(key: str, value: Any) -> None:
         (["llm.delivery=batch"], "llm.delivery", "direct for llm=grammar"),
         (["llm.top_p=0.9"], "llm.top_p", "nothing for llm=grammar"),
         (["llm=openai", "llm.model=m", "llm.thinking_tokens=9"], "llm.thinking_tokens", "nothing for llm=openai"),
+        (["llm=openai", "llm.model=m", "llm.thinking=disabled"], "llm.thinking", "nothing for llm=openai"),
+        (["llm=grammar", "llm.effort=low"], "llm.effort", "nothing for llm=grammar"),
+        (
+            ["llm=anthropic", "llm.thinking=9", "llm.thinking_tokens=9"],
+            "llm.thinking_tokens",
+            "null beside llm.thinking",
+        ),
         (["llm=openai"], "llm.model", "a model's name"),
         # however binary fractions add up: 1 - 0.7 - 0.3 is above 0 among them
         (["data.validation_part=0.7", "data.test_part=0.3"], "data.test_part", "less than 1 together"),
@@ -241,6 +250,7 @@ DECIDES: dict[str, Any] = {
     "archive.eff_ratio_bounds": [0.0, 5.0],
     "archive.eff_ratio_scale": "linear",
     "temperature.rule": "stall",
+    "temperature.carrier": "words",
     "prompts.policy": "curiosity",
     "prompts.pool": 5,
     "proposals.parents": "best",
@@ -258,6 +268,8 @@ DECIDES_WHEN_HOSTED: dict[str, Any] = {
     "llm.top_k": 40,
     "llm.stop_sequences": ["END"],
     "llm.thinking_tokens": 1024,
+    "llm.effort": "low",
+    "llm.thinking": "adaptive",
     "llm.system": "user",
 }
 
@@ -290,6 +302,7 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"llm.label"}  # which stands for the model, below
     listed |= {"llm.space"}  # which decides where there is one: tests/rooms/grammar/test_space.py
     listed |= {"search.networks"}  # whose texts are the task's, in the header: tests/rooms/pairs
+    listed |= {"temperature.efforts"}  # which decides with temperature.carrier=effort only: test_carriers.py
     listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
     listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}

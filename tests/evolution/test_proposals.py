@@ -186,6 +186,7 @@ def test_jitter_is_narrow_and_clipped(temperature: float, jitter: float, seed: i
     """Each request's temperature is within the jitter of T_g and within [0, 1]."""
     settings = replace(ALWAYS, jitter=jitter, seed=seed)
     for request in requests_of(planned(settings, temperature=temperature)):
+        assert request.temperature is not None
         assert abs(request.temperature - temperature) <= jitter + 1e-12
         assert 0 <= request.temperature <= 1
 

@@ -17,9 +17,11 @@ import hashlib
 import json
 import random
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
+
+from llm_models import THOUGHT_TOKENS, Model
 
 #: Faults that pass, which a plan draws from.
 PASSING = ("429", "429_bare", "500", "529", "slow", "reset", "malformed")
@@ -58,10 +60,16 @@ class Script:
     kind: Callable[[Body], str] | None = None
     #: Settings that the models refuse, one a time, as real ones do.
     refused: tuple[str, ...] = ()
+    #: What every request is refused with; empty where none is.
+    words: str = ""
     #: Settings of which the models take one only, as real ones do.
     exclusive: tuple[str, ...] = ()
     #: The models that there are, and that are listed; empty for a server that takes any name and has no list.
     models: tuple[str, ...] = ()
+    #: The models that are answered as, by name (tests/support/llm_models.py); they count as models that there are.
+    like: Mapping[str, Model] = field(default_factory=dict)
+    #: The status and the body with which the Models API answers for a model, whatever the model is.
+    told: tuple[int, str] | None = None
     #: How often a batch is looked at before it has ended.
     polls: int = 1
     #: Where the server stops answering, once: `submitted` (before a batch exists), `created`, `polled` or `results`.
@@ -92,6 +100,11 @@ class Script:
 
     def refusal(self, body: Body) -> str:
         """Say which setting of a body the models refuse; empty where none."""
+        if self.words:
+            return self.words
+        model = self.like.get(body["model"])
+        if model is not None and (words := model.refusal(body)):
+            return words
         named = [name for name in self.refused if name in body]
         if named:
             return f"`{named[0]}` is not supported with this model"
@@ -101,7 +114,13 @@ class Script:
 
     def lacks(self, body: Body, fault: str) -> bool:
         """Say whether there is no such model as a body names."""
-        return fault == "unknown" or (bool(self.models) and body["model"] not in self.models)
+        known = {*self.models, *self.like}
+        return fault == "unknown" or (bool(known) and body["model"] not in known)
+
+    def thoughts(self, body: Body) -> int | None:
+        """Say how many tokens a model thinks before it answers a body; None where it does not think."""
+        model = self.like.get(body["model"])
+        return THOUGHT_TOKENS if model is not None and model.thinks(body) else None
 
     def text(self, body: Body, fault: str, login: str) -> str:
         """Write the answer's text."""
@@ -123,18 +142,20 @@ def key_of(body: Body) -> str:
     return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
 
-def message(body: Body, text: str, fault: str) -> Body:
-    """Write an answer of the Messages API."""
+def message(body: Body, text: str, fault: str, thoughts: int | None = None) -> Body:
+    """Write an answer of the Messages API, with a block of thinking of so many tokens before it."""
+    block = {"type": "thinking", "thinking": "", "signature": "c2lnbmVk"}
+    thinking: Body = {} if thoughts is None else {"output_tokens_details": {"thinking_tokens": thoughts}}
     reason = {"refusal": fault, "max_tokens": fault, "stopped": "error"}.get(fault, "end_turn")
     return {
         "id": f"msg_{key_of(body)[:24]}",
         "type": "message",
         "role": "assistant",
         "model": "another-model" if fault == "wrong_model" else f"{body['model']}-dated",
-        "content": [{"type": "text", "text": text}],
+        "content": [*([] if thoughts is None else [block]), {"type": "text", "text": text}],
         "stop_reason": reason,
         "stop_sequence": None,
-        "usage": {"input_tokens": 11, "output_tokens": 7},
+        "usage": {"input_tokens": 11, "output_tokens": 7 + (thoughts or 0), **thinking},
     }
 
 
@@ -168,4 +189,5 @@ def outcome_in_batch(script: Script, body: Body, login: str) -> Body:
     words = REFUSALS.get(fault) or script.refusal(body)
     if words:
         return {"type": "errored", "error": error("invalid_request_error", words)}
-    return {"type": "succeeded", "message": message(body, script.text(body, fault, login), fault)}
+    answer = message(body, script.text(body, fault, login), fault, script.thoughts(body))
+    return {"type": "succeeded", "message": answer}

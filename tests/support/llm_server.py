@@ -20,7 +20,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
+from llm_models import MODELS
 from llm_script import REFUSALS, Body, Script, chat, error, key_of, message, outcome_in_batch, text_of
 
 #: What time a batch was made is of no interest here, but the API says it.
@@ -72,6 +74,8 @@ class LLMServer:
         #: Every body of a single request, in the order of arrival, and what was logged in with.
         self.bodies: list[Body] = []
         self.logins: set[str] = set()
+        #: The models that the Models API was asked about, in the order of arrival.
+        self.asked_about: list[str] = []
         #: Requests that are open, and the most that were at once.
         self.open = 0
         self.most = 0
@@ -112,12 +116,24 @@ class LLMServer:
                     self.open -= 1
             case _, ["v1", "messages", "batches", *rest] if len(rest) <= 2:
                 await self._answer_batches(call, [*rest, "", ""], writer)
-            case "GET", ["v1", "models"] if self.script.models:
-                await _send(writer, 200, _models(self.script.models))
+            case "GET", ["v1", "models"] if self.script.models or self.script.like:
+                await _send(writer, 200, _models((*self.script.models, *self.script.like)))
+            case "GET", ["v1", "models", name]:
+                self.asked_about.append(unquote(name))
+                await self._tell(unquote(name), writer)
             case "GET", ["counts"]:
                 await _send(writer, 200, {"tried": self.tried, "billed": self.billed, "most": self.most})
             case _:
                 await _send(writer, 404, error("not_found_error", "Not Found"))
+
+    async def _tell(self, name: str, writer: asyncio.StreamWriter) -> None:
+        """Say what a model takes, as the Models API does, or misbehave."""
+        if self.script.told is not None:
+            await _send_text(writer, self.script.told[1], status=self.script.told[0])
+        elif name in self.script.like:
+            await _send(writer, 200, self.script.like[name].told(name))
+        else:
+            await _send(writer, 404, error("not_found_error", f"model: {name}"))
 
     async def _answer_one(self, call: Call, writer: asyncio.StreamWriter) -> None:
         """Answer one request of the Messages or the chat-completions API, or misbehave."""
@@ -140,8 +156,9 @@ class LLMServer:
             headers = {"retry-after": str(self.script.retry_after)} if fault == "429" else {}
             await _send(writer, int(fault[:3]), error("some_error", f"no, {call.login}"), headers)
         else:
-            write = chat if call.path.endswith("/chat/completions") else message
-            answer = write(body, self.script.text(body, fault, call.login), fault)
+            text = self.script.text(body, fault, call.login)
+            is_chat = call.path.endswith("/chat/completions")
+            answer = chat(body, text, fault) if is_chat else message(body, text, fault, self.script.thoughts(body))
             await self._send_answer(writer, key, answer, fault)
 
     async def _send_answer(self, writer: asyncio.StreamWriter, key: str, answer: Body, fault: str) -> None:
@@ -151,7 +168,7 @@ class LLMServer:
             await writer.drain()
             raise ConnectionResetError
         if fault == "malformed":
-            await _send_text(writer, 200, json.dumps(answer)[:-25])
+            await _send_text(writer, json.dumps(answer)[:-25])
         elif fault == "shapeless":
             await _send(writer, 200, {"answer": answer})
         else:
@@ -189,7 +206,7 @@ class LLMServer:
             await writer.drain()
             await self._stall("results")
         self.results_read += 1
-        await _send_text(writer, 200, "\n".join(self._spoilt(batch.lines)) + "\n")
+        await _send_text(writer, "\n".join(self._spoilt(batch.lines)) + "\n")
 
     def _spoilt(self, lines: list[str]) -> list[str]:
         """Spoil the last of a batch's results as the script says."""
@@ -272,7 +289,7 @@ async def _send(writer: asyncio.StreamWriter, status: int, body: Any, headers: d
     await writer.drain()
 
 
-async def _send_text(writer: asyncio.StreamWriter, status: int, text: str) -> None:
+async def _send_text(writer: asyncio.StreamWriter, text: str, status: int = 200) -> None:
     writer.write(_response(status, text))
     await writer.drain()
 
@@ -351,6 +368,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--answers", type=Path, help="directory of recorded <task>_<number>.json; else it echoes")
     parser.add_argument("--task", default="force", help="whose recorded answers to serve (default: force)")
     parser.add_argument("--port", type=int, default=0, help="where to listen on 127.0.0.1 (default: any free port)")
+    parser.add_argument("--like", choices=sorted(MODELS), help="take the part of that model, and of no other")
     parser.add_argument("--rate", type=float, default=0.0, help="part of the tries that fail, in [0, 1) (default: 0)")
     parser.add_argument("--seed", type=int, default=0, help="from which the failures follow (default: 0)")
     parser.add_argument("--delay", type=float, default=0.0, help="seconds before every answer (default: 0)")
@@ -364,7 +382,8 @@ def main(arguments: list[str] | None = None) -> int:
         listening = listen(given.port)
     except OSError as taken:
         parser.error(f"cannot listen: {taken.strerror}; choose another --port")
-    script = replace(script, rate=given.rate, seed=given.seed, delay=given.delay, together=given.together)
+    like = {} if given.like is None else {given.like: MODELS[given.like]}
+    script = replace(script, like=like, rate=given.rate, seed=given.seed, delay=given.delay, together=given.together)
     with contextlib.suppress(KeyboardInterrupt), serving(script, listening=listening) as server:
         print(server.url, flush=True)
         threading.Event().wait()

@@ -29,6 +29,12 @@ function showPanel(id, isShown) {
 // Whether the grammar answered, whose temperature is a mutation strength.
 const isByGrammar = (run) => run.settings.llm?.provider === "grammar";
 
+// What carries the temperatures of requests, for behind their name; empty where they are sent as such.
+const carriedBy = (run) => {
+    const carrier = run.settings.temperature?.carrier;
+    return carrier === undefined ? "" : ` (carried by ${carrier === "none" ? "nothing" : carrier})`;
+};
+
 const percent = (share) => (share === null ? "–" : d3.format(".1%")(share));
 
 const counted = (count, noun) => `${number(count)} ${noun}${count === 1 ? "" : "s"}`;

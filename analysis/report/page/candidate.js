@@ -116,16 +116,25 @@ function requestOf(run, one) {
     if (one.operator === "given") return h("p", null, "A network that was given; no model was asked for it.");
     const fixed = one.operator === "sample" ? "Draw a network at random." : run.crossover;
     const text = one.prompt === null ? fixed : run.instructions[one.prompt].text;
-    const temperature = one.dropped.includes("temperature")
-        ? `Temperature not sent, because the model refuses it (${number(one.temperature)} was planned).`
-        : `Temperature ${number(one.temperature)}${isByGrammar(run) ? ", here a mutation strength: up to four random edits came on top" : ""}.`;
     return h(
         "div",
         null,
         h("h3", null, `Asked for by ${one.prompt === null ? "" : `${one.operator}: `}${instructionOf(run, one)}`),
         h("blockquote", null, text),
-        h("p", null, temperature),
+        h("p", null, temperatureOf(run, one)),
     );
+}
+
+function temperatureOf(run, one) {
+    const value = number(one.temperature);
+    if (one.dropped.includes("temperature"))
+        return `Temperature not sent, because the model refuses it (${value} was planned).`;
+    if (one.carrier !== undefined && one.level === undefined)
+        return `Temperature not sent${carriedBy(run)} (${value} was planned).`;
+    const chosen = one.effort ? `effort ${one.effort}` : `“${run.boldness?.[one.level - 1]}”`;
+    const carried = one.carrier === undefined ? "" : `${carriedBy(run)}: ${chosen}`;
+    const strength = isByGrammar(run) ? ", here a mutation strength: up to four random edits came on top" : "";
+    return `Temperature ${value}${carried}${strength}.`;
 }
 
 function rejectedOf(one) {

@@ -38,7 +38,7 @@ function drawDynamics() {
             rows: lines.map((line) => [...ends.map((name) => line[name] ?? 0), ...Object.values(line.rejected)]),
         }),
         lineChart({
-            caption: "Temperature of each generation.",
+            caption: `Temperature${carriedBy(run)} of each generation.`,
             yName: "temperature",
             series: [{ name: "T", values: of("temperature") }],
         }),
@@ -48,9 +48,7 @@ function drawDynamics() {
             run.by_instruction,
         ),
         yields(
-            isByGrammar(run)
-                ? "The same by the temperature of the request, which is a mutation strength of the grammar."
-                : "The same by the temperature of the request.",
+            `The same by the temperature${carriedBy(run)} of the request${isByGrammar(run) ? ", which is a mutation strength of the grammar" : ""}.`,
             run.by_temperature,
         ),
         ...(of("tokens").some(Boolean)
@@ -78,7 +76,7 @@ function yields(caption, found) {
 
 // The prompt archive over instruction and temperature; a cell without a child in the network archive is striped.
 function promptMap(run) {
-    const caption = "The prompt archive over instruction and temperature, coloured by curiosity.";
+    const caption = `The prompt archive over instruction and temperature${carriedBy(run)}, coloured by curiosity.`;
     const x = d3.scaleLinear([0, 1], [INSET.left, WIDTH - INSET.right]);
     const y = d3.scaleLinear([0, 1], [HEIGHT - INSET.bottom, INSET.top]);
     const shape = (niche) => `M${run.prompt_cells[niche].map(([a, b]) => `${x(a)},${y(b)}`).join("L")}Z`;

@@ -97,6 +97,7 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
         "places": run.places,
         "instructions": to_json(task.instructions),
         "crossover": task.crossover,
+        **({"boldness": task.boldness} if task.boldness else {}),
         "candidates": _candidates(collection, given.texts),
         "generations": _generations(run, collection.niches.networks),
         "pareto": _pareto(collection),

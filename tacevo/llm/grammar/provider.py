@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tacevo.choices import Effort
 from tacevo.errors import ConfigError
+from tacevo.evolution.carriers import LEVELS
 from tacevo.evolution.prompts import sample_text
 from tacevo.llm.grammar.crossover import cross
 from tacevo.llm.grammar.instructions import transform
@@ -34,6 +36,12 @@ from tacevo.storage.canonical import content_hash
 MODEL = "grammar-2"
 
 _PARENT = re.compile(r"```python\n(.*?)\n?```", re.DOTALL)
+
+#: The paragraph before the instruction that carries a temperature in words (`tacevo.evolution.carriers`).
+_BOLDNESS = re.compile(rf"^Boldness ([1-{LEVELS}]) of {LEVELS}: [^\n]*\n\n(?=Instruction: )", re.MULTILINE)
+
+#: The temperature of a request that says nothing of one.
+UNSAID = 0.5
 
 _INSTRUCTION = re.compile(r"^Instruction: (.*)\Z", re.DOTALL | re.MULTILINE)
 
@@ -76,9 +84,11 @@ def answer(request: Request, *, slip_rate: float, space: Space | None = None) ->
     Its first message holds one parent and an instruction for a mutation, two for a crossover; for a sample it is
     `sample_text`, to the letter. The draws depend neither on the slip rate nor on the request's provider settings
     (where a plan records that rate), so runs that differ in it alone share their proper answers; nor on the
-    temperature, so a warmer request gets the same network with further edits (`variations.warm`).
+    temperature, whatever carries it, so a warmer request gets the same network with further edits (`variations.warm`).
     """
-    digest = content_hash(to_json(replace(request, settings=(), temperature=0.0)))
+    first, *others = request.messages
+    plain = replace(first, content=_BOLDNESS.sub("", first.content))
+    digest = content_hash(to_json(replace(request, messages=(plain, *others), settings=(), temperature=0.0)))
     try:
         child = _child(request, space, stream(0, "grammar", digest))
     except UnreadableError as error:
@@ -89,9 +99,22 @@ def answer(request: Request, *, slip_rate: float, space: Space | None = None) ->
     return _completion(request, text, is_cut=slip is Slip.cut_off)
 
 
+def strength(request: Request) -> float:
+    """Return the temperature of a request, in [0, 1], whatever carries it.
+
+    Of words and effort it is the middle of the part of [0, 1] that they stand for; `UNSAID` where nothing carries one.
+    """
+    if request.temperature is not None:
+        return request.temperature
+    if (effort := dict(request.settings).get("effort")) is not None:
+        return ([*Effort].index(Effort(str(effort))) + 0.5) / len(Effort)
+    words = _BOLDNESS.search(request.messages[0].content)
+    return UNSAID if words is None else (int(words[1]) - 0.5) / LEVELS
+
+
 def _child(request: Request, space: Space | None, rng: np.random.Generator) -> Network:
     """Make the network that a request asks for."""
-    content = request.messages[0].content
+    content, temperature = request.messages[0].content, strength(request)
     instruction = _INSTRUCTION.search(content)
     sources = _PARENT.findall(content)
     parents = [parse(source) for source in sources]
@@ -100,12 +123,12 @@ def _child(request: Request, space: Space | None, rng: np.random.Generator) -> N
     if content == sample_text(sources[0]):
         return wander(parents[0], rng) if space is None else wandered(space, parents[0], rng)
     if space is not None and len(parents) == 1:
-        return mutated(space, parents[0], instruction[1], request.temperature, rng)
+        return mutated(space, parents[0], instruction[1], temperature, rng)
     if space is not None:
-        return crossed(space, parents[0], parents[1], request.temperature, rng)
+        return crossed(space, parents[0], parents[1], temperature, rng)
     if len(parents) == 1:
-        return transform(parents[0], instruction[1], rng, request.temperature)
-    return warm(cross(parents[0], parents[1], instruction[1], rng), request.temperature, rng)
+        return transform(parents[0], instruction[1], rng, temperature)
+    return warm(cross(parents[0], parents[1], instruction[1], rng), temperature, rng)
 
 
 def _completion(request: Request, text: str, *, is_cut: bool = False) -> Completion:

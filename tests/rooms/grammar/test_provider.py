@@ -1,14 +1,16 @@
 """The provider answers every request, the same way each time, over many generations."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 from checkout import LIBRARY
 
+from tacevo.choices import Effort
+from tacevo.evolution.carriers import boldness_text
 from tacevo.evolution.development import LLM
-from tacevo.evolution.prompts import SAMPLING, sample_text
+from tacevo.evolution.prompts import SAMPLING, crossover_text, mutation_text, sample_text
 from tacevo.llm.grammar import provider
 from tacevo.llm.grammar.bounds import fit
 from tacevo.llm.grammar.network import Network
@@ -102,6 +104,23 @@ def test_warmer_request_gets_the_same_network_with_further_edits(content: str) -
         assert sum(steps) <= 4
         changed += sum(steps)
     assert changed > 20  # each of four edits comes by T = 1 with a chance of a half
+
+
+@pytest.mark.parametrize(
+    "write", [mutation_text, lambda parent, text, **more: crossover_text(parent, RELATIVE, text, **more)]
+)
+def test_whatever_carries_a_temperature_is_that_temperature(write: Callable[..., str]) -> None:
+    """A sentence or an effort stands for the middle of its part of [0, 1], nothing for 0.5; no draw differs."""
+    plain, text = write(PINNED, "Use GELU."), "Change, and keep, one thing."
+    for draw in range(8):
+        worded = [write(PINNED, "Use GELU.", boldness=boldness_text(level, text)) for level in range(1, 6)]
+        efforts = [(("effort", effort.value),) for effort in Effort]
+        carried = [replace(_request(content, draw=draw), temperature=None) for content in worded]
+        carried += [replace(_request(plain, draw=draw), temperature=None, settings=effort) for effort in efforts]
+        carried += [replace(_request(plain, draw=draw), temperature=None)]
+        sent = [_request(plain, temperature=temperature, draw=draw) for temperature in (0.1, 0.3, 0.5, 0.7, 0.9)]
+        expected = [answer.text for answer in _answers(sent)]
+        assert [answer.text for answer in _answers(carried)] == [*expected, *expected, expected[2]]
 
 
 def test_completion_names_the_grammar_and_counts_tokens() -> None:

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mirrored import BASELINE, GENERATION, INSTRUCTIONS, MUTATION, REJECTED, SECOND_GENERATION
 
+from tacevo.choices import Carrier, Effort
 from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, RepairedAnswer
@@ -46,6 +47,15 @@ REPAIRED = replace(MUTATION, repairs=(RepairedAnswer(answer="0", stage=Stage.pro
         (BASELINE, {"operator": "baseline", "generation": "0", "slot": "0"}),
         (MUTATION, ASKED),
         (replace(MUTATION, dropped=("temperature", "top_p")), DROPPED),
+        (replace(MUTATION, carrier=Carrier.words, level=4), {**ASKED, "carrier": "words", "level": "4"}),
+        (
+            replace(MUTATION, carrier=Carrier.effort, level=3, effort=Effort.high),
+            {**ASKED, "carrier": "effort", "level": "3", "effort": "high"},
+        ),
+        (
+            replace(MUTATION, carrier=Carrier.none),
+            {**{key: value for key, value in ASKED.items() if key != "temperature"}, "carrier": "none"},
+        ),
         (REPAIRED, {**ASKED, "repairs": "1"}),
         (
             REJECTED,
