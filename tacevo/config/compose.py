@@ -30,6 +30,7 @@ from tacevo.config.sources import DEVICE, check_used, is_elsewhere, is_of_data, 
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, default_of, to_json
+from tacevo.sandbox.part_process import PartProcess
 from tacevo.text import as_override, listed
 
 T = TypeVar("T")
@@ -103,7 +104,15 @@ def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str], arm: dict[
     given = {**cast(dict[str, Any], plain.get("parts") or {}), **arm}
     if not (overrides or given or names_own(plain) or names_open(plain)):
         return plain
-    found, others = own_parts(plain), [part for part in open_parts(plain) if part.settings]
+    with PartProcess() as process:
+        return _laid_over_parts(plain, overrides, given, process)
+
+
+def _laid_over_parts(
+    plain: dict[str, Json], overrides: Sequence[str], given: dict[str, Any], process: PartProcess
+) -> dict[str, Json]:
+    """Return a configuration with the code and settings of its user's parts; they say in `process` what they take."""
+    found, others = own_parts(plain, process), [part for part in open_parts(plain) if part.settings]
     named = [*(part.name for part in found), *(part.name for part in others)]
     chosen = set(named)
     if len(chosen) < len(named):
@@ -129,7 +138,7 @@ def _with_own_parts(plain: dict[str, Json], overrides: Sequence[str], arm: dict[
             raise ConfigError("nothing", place=f"parts.{name}.{lacking}", expected="a value: it has no default")
         settings[name] = said
     outer: dict[str, Json] = {part.name: settings[part.name] for part in others}
-    return {**with_names(plain, found), "parts": {**checked(found, settings), **outer}}
+    return {**with_names(plain, found), "parts": {**checked(found, settings, process), **outer}}
 
 
 def _with_prices_here(config: RunConfig, overrides: Sequence[str]) -> RunConfig:

@@ -57,17 +57,17 @@ def names_own(plain: Mapping[str, Any]) -> bool:
     return any(not_ours(plain, kind) for kind in DECIDING)
 
 
-def own_parts(plain: Mapping[str, Any]) -> list[OwnPart]:
+def own_parts(plain: Mapping[str, Any], process: PartProcess) -> list[OwnPart]:
     """Find the parts that a composed configuration names, as far as they decide and are not ours.
 
-    Each is remembered with its sources, so that a run can keep them.
+    Each says what it is in `process`, and is remembered with its sources, so that a run can keep them.
 
     Raises:
         ConfigError: there is none of the name; or it imports what it may not.
         PartError: its class cannot be made, or has settings that a configuration cannot hold.
         SandboxError: processes cannot be confined here.
     """
-    return [_described(part) for kind in DECIDING for part in _named(plain, kind)]
+    return [_described(part, process) for kind in DECIDING for part in _named(plain, kind)]
 
 
 def with_names(plain: Mapping[str, Any], found: Iterable[OwnPart]) -> dict[str, Any]:
@@ -100,8 +100,8 @@ def defaults(found: Iterable[OwnPart]) -> dict[str, Json]:
     }
 
 
-def checked(found: Iterable[OwnPart], given: Mapping[str, Any]) -> dict[str, dict[str, Json]]:
-    """Check the settings that a configuration gives parts, by their types, and by the parts themselves.
+def checked(found: Iterable[OwnPart], given: Mapping[str, Any], process: PartProcess) -> dict[str, dict[str, Json]]:
+    """Check the settings that a configuration gives parts, by their types, and by the parts themselves in `process`.
 
     Raises:
         ConfigError: a setting is not known, or of another type; or the part refuses its settings.
@@ -116,7 +116,7 @@ def checked(found: Iterable[OwnPart], given: Mapping[str, Any]) -> dict[str, dic
             is_number = not isinstance(values[name], float) or math.isfinite(values[name])
             if type(values[name]).__name__ != known.type or not is_number:
                 raise ConfigError(json.dumps(value), place=key, expected=_WORDS[known.type])
-        _accept(part, values)
+        _accept(part, values, process)
         settings[part.name] = values
     return settings
 
@@ -153,7 +153,7 @@ def _short(value: Any) -> Any:
     return value.rpartition(":")[2] if isinstance(value, str) else value
 
 
-def _described(part: Part) -> OwnPart:
+def _described(part: Part, process: PartProcess) -> OwnPart:
     if part.name in part.kind.ours:
         raise ConfigError(part.name, place=part.kind.setting, expected="a class whose name is not one of ours")
     sources = read_sources(part)
@@ -161,7 +161,7 @@ def _described(part: Part) -> OwnPart:
     remember(sha256, sources)
     recorded = Recorded(kind=part.kind, name=part.name, module=part.module, attribute=part.attribute, sources=sources)
     try:
-        told: Any = _asked(recorded, sha256, "describe", {"constants": list(part.kind.constants)})
+        told: Any = _asked(process, recorded, sha256, "describe", {"constants": list(part.kind.constants)})
     except PartError as error:
         expected = f"a class that extends tacevo.parts.{part.kind.base}, a dataclass(frozen=True)"
         raise ConfigError(error.got, place=part.place, expected=expected) from error
@@ -171,18 +171,17 @@ def _described(part: Part) -> OwnPart:
     return OwnPart(recorded=recorded, sha256=sha256, settings=settings, constants=told["constants"])
 
 
-def _accept(part: OwnPart, values: Mapping[str, Json]) -> None:
+def _accept(part: OwnPart, values: Mapping[str, Json], process: PartProcess) -> None:
     """Let a part refuse its settings, which it may do when it is made."""
     try:
-        _asked(replace(part.recorded, settings=values), part.sha256, "check", None)
+        _asked(process, replace(part.recorded, settings=values), part.sha256, "check", None)
     except PartError as error:
         raise ConfigError(error.got, place=f"parts.{part.name}", expected="settings that the part accepts") from error
 
 
-def _asked(recorded: Recorded, sha256: str, method: str, given: Json) -> Json:
+def _asked(process: PartProcess, recorded: Recorded, sha256: str, method: str, given: Json) -> Json:
     """Ask a part once in this process, however many jobs of a sweep have it."""
     question = json.dumps([recorded.kind.name, sha256, dict(recorded.settings), method, given], sort_keys=True)
     if question not in _ASKED:
-        with PartProcess() as process:
-            _ASKED[question] = process.ask(recorded, method, given)
+        _ASKED[question] = process.ask(recorded, method, given)
     return _ASKED[question]

@@ -26,6 +26,7 @@ from tacevo.storage.store import SEARCHED, Store
 pytestmark = pytest.mark.room("publishing")
 
 
+@pytest.mark.slow  # quick: tests/promises/test_invariances.py
 def test_bytes_are_the_same_from_anywhere(published: Path, tmp_path: Path) -> None:
     """Another directory and name of the run, other stores, time zone, umask, hash seed, locale, working directory."""
     shutil.copytree(published / "run", tmp_path / "elsewhere")

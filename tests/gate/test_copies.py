@@ -108,6 +108,7 @@ def verdict(text: str, asked: str = ASKED) -> str | Rejection:
     return extract(completion(text), contract(), asked)
 
 
+@pytest.mark.few(60)
 @pytest.mark.parametrize("copy", COPIES.values(), ids=COPIES)
 @pytest.mark.parametrize("shown", SHOWN.values(), ids=SHOWN)
 @pytest.mark.parametrize("write", WRITTEN.values(), ids=WRITTEN)

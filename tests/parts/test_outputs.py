@@ -76,31 +76,6 @@ def page_of(file: Path) -> dict[str, Any]:
     return page
 
 
-def test_output_adds_tables_figures_and_sections_of_runs_and_sweeps(tmp_path: Path) -> None:
-    """Each by the command that has ours; its texts are data in the page, and its figures images."""
-    ended = commands(
-        tmp_path,
-        MADE,
-        f"tables {RUN} --output tables",
-        f"figures {RUN} --output figures --format svg",
-        f"report {RUN} --output run.html",
-        f"ablations {SWEEP} --output arms",
-        f"report {SWEEP} --output sweep.html",
-    )
-    assert [status for status, _, _ in ended] == [0] * 5, ended
-    assert (tmp_path / "tables/more/widths.csv").read_text() == "number\n1\n"
-    assert (tmp_path / "figures/heights.svg").exists()
-    assert (tmp_path / "arms/more/arms.csv").read_text() == "number\n4\n"
-    assert (tmp_path / "arms/seeds.pdf").exists()
-    (section,) = page_of(tmp_path / "run.html")["runs"][0]["sections"]
-    assert (section["title"], section["sentences"]) == ("</script><b>Mine", ["<img src=x>"])
-    assert (section["by"], section["tables"][0]["rows"]) == ("made, brash 2.0", [["1"]])
-    assert section["figures"][0]["image"].startswith("data:image/png;base64,")
-    assert "<b>Mine" not in (tmp_path / "run.html").read_text()
-    (section,) = page_of(tmp_path / "sweep.html")["sweep"]["sections"]
-    assert section["title"] == "Of the sweep"
-
-
 FAULTS = {
     "raises": ("raise ValueError('no such width')", "ValueError: no such width, brash.py, line {}"),
     "ends the process": ("raise SystemExit(3)", "SystemExit: 3, brash.py, line {}"),
@@ -143,7 +118,10 @@ def _classes() -> str:
 
 
 def test_what_an_output_raises_is_told_with_its_line_and_loses_nothing(tmp_path: Path) -> None:
-    """Of every method, whatever it raises or returns: all that ours and a good one make is there, and each is named."""
+    """Of every method, whatever it raises or returns: all that ours and a good one make is there, and each is named.
+
+    What the good one makes is written by the commands that write ours; its texts are data in the page.
+    """
     body = _classes() + MADE
     ended = commands(
         tmp_path,
@@ -167,8 +145,13 @@ def test_what_an_output_raises_is_told_with_its_line_and_loses_nothing(tmp_path:
     assert not list(tmp_path.rglob("up.csv"))
     assert {path.stem for path in (tmp_path / "figures").glob("*.svg")} >= {"heights", "fitness", "lineage"}
     assert {path.stem for path in (tmp_path / "arms").glob("*.pdf")} >= {"seeds", "ablation_curves"}
-    titles = [one["title"] for one in page_of(tmp_path / "run.html")["runs"][0]["sections"]]
-    assert titles[-1] == "</script><b>Mine"
+    assert (tmp_path / "tables/more/widths.csv").read_text() == "number\n1\n"
+    assert (tmp_path / "arms/more/arms.csv").read_text() == "number\n4\n"
+    section = page_of(tmp_path / "run.html")["runs"][0]["sections"][-1]
+    assert (section["title"], section["sentences"]) == ("</script><b>Mine", ["<img src=x>"])
+    assert (section["by"], section["tables"][0]["rows"]) == ("made, brash 2.0", [["1"]])
+    assert section["figures"][0]["image"].startswith("data:image/png;base64,")
+    assert "<b>Mine" not in (tmp_path / "run.html").read_text()
     assert page_of(tmp_path / "sweep.html")["sweep"]["sections"][-1]["title"] == "Of the sweep"
 
 
