@@ -7,6 +7,7 @@ launch/               what launching leaves behind: the last output of each job 
                       started by (NAME.json), and submitit's files
 """
 
+import re
 import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -215,12 +216,17 @@ def naming(job: str) -> Iterator[None]:
         raise
 
 
+#: A character behind the backslash that Hydra writes before it in a text without quotes, such as a path with a colon.
+_ESCAPED = re.compile(r"\\([\\()\[\]{}:=, \t])")
+
+
 def name_arm(own: Sequence[str]) -> str:
     """Name what a job compares: its ablation, and what else is varied but the seed."""
     given = dict(override.split("=", 1) for override in own)
     given.pop("seed", None)
     ablation = given.pop("ablation", None)
-    parts = [*([ablation] if ablation else []), *(f"{key}={value}" for key, value in given.items())]
+    values = {key: _ESCAPED.sub(r"\1", value) for key, value in given.items()}
+    parts = [*([ablation] if ablation else []), *(f"{key}={value}" for key, value in values.items())]
     return " ".join(parts) or "none"
 
 

@@ -80,6 +80,11 @@ def test_override_that_a_sweep_cannot_have_is_rejected(setting: str, place: str)
         (("seed=3",), "none", "none-seed3"),
         (("temperature=stall", "seed=3"), "temperature=stall", "temperature-stall-seed3"),
         (("ablation=none", "proposals.best=2"), "none proposals.best=2", "none-proposals.best-2-seed3"),
+        (
+            (r"prompts.policy=mine.py\:Mine",),
+            "prompts.policy=mine.py:Mine",
+            name_job((r"prompts.policy=mine.py\:Mine",), 3),
+        ),
     ],
 )
 def test_arm_is_what_is_compared(own: tuple[str, ...], arm: str, name: str) -> None:
