@@ -16,12 +16,14 @@ from pydantic_core import PydanticCustomError
 
 from tacevo.choices import (
     PAPER_AXES,
+    AnswerForm,
     BoundsRule,
     Confinement,
     Device,
     GratingClasses,
     Layout,
     LightScene,
+    ModelChoice,
     Normalisation,
     Numerics,
     OperatorScope,
@@ -30,6 +32,7 @@ from tacevo.choices import (
     SplitRule,
     SystemTurn,
     TargetScaling,
+    Tell,
 )
 from tacevo.errors import ConfigError
 from tacevo.parts.facts import HERE, ProviderFacts, SourceFacts, provider_facts, source_facts
@@ -79,6 +82,23 @@ Identifier = Annotated[str, is_a("a name that Python allows", str.isidentifier)]
 #: A number may be written without quotes.
 Column = Annotated[Text, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 Pattern = Annotated[str, is_a("a regular expression, in quotes", _is_pattern)]
+
+
+def _weighed(value: Any) -> Any:
+    """Read several models: a list of names, which weigh alike, or a mapping of names to weights."""
+    if isinstance(value, Mapping):
+        value = list(value.items())
+    if not isinstance(value, list | tuple):
+        return value
+    return tuple((each, 1.0) if isinstance(each, str) else tuple(each) for each in value)
+
+
+#: The name of a model, which is no place of this machine.
+ModelName = Annotated[Text, is_a("a model's name, not a path", lambda value: not names_place(value))]
+#: Models with their weights, in the order in which a user names them.
+WeighedModels = Annotated[tuple[tuple[ModelName, Positive], ...], BeforeValidator(_weighed)]
+#: Choices, each once, in the order of their enum.
+Tells = Annotated[tuple[Tell, ...], AfterValidator(lambda value: tuple(each for each in Tell if each in value))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,7 +233,7 @@ class LLMConfig(Record):
     """The model that answers the requests, and how the answers are recorded."""
 
     provider: Text  #: who answers
-    model: Annotated[str, is_a("a model's name", bool)]  #: its name
+    model: str  #: its name; with `models` it may be empty
     mode: Mode  #: record, or replay from the store alone
     max_tokens: AtLeast1  #: of an answer
     #: Another server than the provider's own.
@@ -241,8 +261,11 @@ class LLMConfig(Record):
     label: Annotated[Text, is_a("a name, not a path", lambda value: not names_place(value))] | None = None
     #: Grammar: the closed space in which its answers lie (`llm=grammar_space`); null for the whole grammar.
     space: Space | None = None
+    #: Several models, of which each slot asks one: [a,b], or with weights {a: 1, b: 3}; null for `llm.model` alone.
+    models: WeighedModels | None = None
+    choice: ModelChoice = ModelChoice.weights  #: with `models`: by their weights, or a bandit on the children's gain
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"system", "label", "space"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"system", "label", "space", "models", "choice"})
 
     @property
     def facts(self) -> ProviderFacts:
@@ -251,8 +274,13 @@ class LLMConfig(Record):
 
     @property
     def name(self) -> str:
-        """The name of the model in requests and records: its label, if it has one."""
-        return self.label or self.model
+        """The name of the model in requests and records: its label, if it has one; of several models, all names."""
+        return self.label or self.model if self.models is None else ", ".join(self.names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the models in requests and records, in the order in which the user names them."""
+        return (self.label or self.model,) if self.models is None else tuple(name for name, _ in self.models)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,6 +301,11 @@ class PromptsConfig(Record):
     policy: Part  #: how an instruction is drawn
     #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
     pool: OneToMillion | None = None
+    #: What a request tells beside parents and instruction: fitness, failures, best, notes; [] for nothing.
+    tells: Tells = ()
+    answer: AnswerForm = AnswerForm.whole  #: whole: the class; edit: search and replace in the (first) parent
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"tells", "answer"})
 
     def check_library(self, instructions: int) -> None:
         """Refuse a pool that is larger than the task's library of so many instructions."""

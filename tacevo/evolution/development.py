@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 from tacevo.errors import CacheMissError
 from tacevo.evolution.prompts import repair_request
 from tacevo.evolution.proposals import Proposal
+from tacevo.evolution.told import without_note
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Operator, Rejection, Request, Training
 
@@ -38,8 +39,8 @@ class Effects:
     """The effects of a search; each answers from a store what it answered before."""
 
     llm: LLM
-    #: The gate, for a model's answer and what it was asked.
-    admit: Callable[[Completion, str], Admitted | Rejection]
+    #: The gate, for a model's answer, what it was asked and, where the answer may be edits of a network, this network.
+    admit: Callable[..., Admitted | Rejection]
     #: The gate, for the task's baseline.
     inspect: Callable[[str], Admitted | Rejection]
     #: The gate's probe alone, for a source that the gate admitted before: a given network.
@@ -152,7 +153,9 @@ def _sent_back(judged: Mapping[int, "_Slot"]) -> dict[int, "_Slot"]:
     for index, slot in judged.items():
         if slot.request is None or slot.completion is None or not isinstance(slot.gated, Rejection):
             continue
-        repair = repair_request(slot.request, slot.completion.text, slot.gated)
+        repair = repair_request(
+            slot.request, slot.completion.text, slot.gated, edits=slot.proposal.edited is not None
+        )
         if repair is not None:
             attempt = Attempt(completion=slot.completion, rejection=slot.gated)
             again[index] = replace(slot, request=repair, attempts=(*slot.attempts, attempt))
@@ -250,7 +253,9 @@ def _gate(slot: _Slot, completion: Completion | None, effects: Effects) -> Admit
     proposal = slot.proposal
     if completion is not None:
         messages = () if slot.request is None else slot.request.messages
-        return effects.admit(completion, "\n".join(message.content for message in messages if message.role == "user"))
+        asked = "\n".join(message.content for message in messages if message.role == "user")
+        answer = without_note(completion) if proposal.asks_note else completion
+        return effects.admit(answer, asked, *(() if proposal.edited is None else (proposal.edited,)))
     if proposal.operator is Operator.baseline:
         return effects.inspect(proposal.source)
     return effects.measure(proposal.source)

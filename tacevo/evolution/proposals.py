@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from tacevo import parts
-from tacevo.choices import OperatorScope, SystemTurn
+from tacevo.choices import AnswerForm, ModelChoice, OperatorScope, SystemTurn, Tell
 from tacevo.evolution.archive import Archive
+from tacevo.evolution.models import Gains, draw_models
 from tacevo.evolution.prompts import (
     PromptArchive,
     crossover_text,
@@ -18,9 +19,10 @@ from tacevo.evolution.prompts import (
     sample_text,
 )
 from tacevo.evolution.temperatures import clip
+from tacevo.evolution.told import form_text, told_text, with_told
 from tacevo.parts import Parents, Population, Prompts
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import ChatMessage, Operator, Request, Setting, Task
+from tacevo.records import ChatMessage, Operator, Rejection, Request, Setting, Task
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +46,8 @@ class Candidate:
     #: The features of the candidate that the surrogate sees (`tacevo.evolution.surrogate`); empty in a search without
     #: one.
     features: Mapping[str, float] = field(default_factory=dict)
+    #: The note of the answer that it came of (`tacevo.evolution.told.note_of`); empty where none was asked or written.
+    note: str = ""
 
     @property
     def curiosity(self) -> float:
@@ -76,6 +80,23 @@ class Settings:
     operator_for: OperatorScope = OperatorScope.generation
     #: The size of the prompt pool P_g, from 1 to the task's instructions; None for all of them.
     pool: int | None = None
+    #: What a request tells beside parents and instruction, from generation 1 on.
+    tells: tuple[Tell, ...] = ()
+    #: The form of an answer, from generation 1 on.
+    answer: AnswerForm = AnswerForm.whole
+    #: Several models with their weights > 0, of which each slot asks one in place of `model`; empty for that one alone.
+    models: tuple[tuple[str, float], ...] = ()
+    choice: ModelChoice = ModelChoice.weights
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """What earlier generations know, beside the networks and the prompts."""
+
+    #: What became of the candidates of the last generation that the gate or the training rejected, in slot order.
+    rejections: tuple[Rejection, ...] = ()
+    #: What came of the answers of each model that was asked, by its name.
+    gains: Mapping[str, Gains] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +114,10 @@ class Proposal:
     request: Request | None
     #: The source, where no model is asked for it.
     source: str = ""
+    #: The network that the answer may be edits of, as the request has it; None where the answer is a whole class.
+    edited: str | None = None
+    #: Whether the request asks for a note.
+    asks_note: bool = False
 
     @property
     def id(self) -> str:
@@ -111,8 +136,9 @@ def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature:
         sources = [given.source for given in task.given]
         return (baseline, *(_without_request(slot, Operator.given, source) for slot, source in enumerate(sources, 1)))
     library = tuple(range(len(task.instructions)))
+    models = _models(settings, 0, range(1, mutations + 1), Known())
     slots = [
-        _Slot(generation=0, number=number, temperature=temperature, prompts=library)
+        _Slot(generation=0, number=number, temperature=temperature, prompts=library, model=models[number - 1])
         for number in range(1, mutations + 1)
     ]
     return (baseline, *(_mutation(task, settings, slot, [_founder(task)], PromptArchive()) for slot in slots))
@@ -125,6 +151,7 @@ def plan_generation(
     population: Population,
     prompts: PromptArchive,
     temperature: float,
+    known: Known | None = None,
 ) -> tuple[Proposal, ...]:
     """Plan one generation (paper, Algorithm 1, lines 2 to 4).
 
@@ -135,20 +162,25 @@ def plan_generation(
 
     The generation is that of the population, the temperature T_g; the proposals are in the order of their slots.
     """
-    generation = population.generation
+    generation, known = population.generation, known or Known()
     pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
     numbers = range(settings.candidates)
-    slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]
+    models = _models(settings, generation, numbers, known)
+    slots = [
+        _Slot(generation=generation, number=number, temperature=temperature, prompts=pool, model=model)
+        for number, model in zip(numbers, models, strict=True)
+    ]
     if not settings.parents.has_parents:
         text = sample_text(task.baseline)
         return tuple(_asking(task, settings, slot, operator=Operator.sample, parents=(), text=text) for slot in slots)
     parents = settings.parents.pool(population) or [_founder(task)]
-    return tuple(
+    proposals = (
         _mutation(task, settings, slot, parents, prompts)
         if len(parents) < 2 or _mutates(settings, slot)
         else _crossover(task, settings, slot, parents)
         for slot in slots
     )
+    return tuple(_telling(task, settings, one, population, known) for one in proposals)
 
 
 def elites_of(candidates: Mapping[str, Candidate], archive: Archive) -> tuple[Candidate, ...]:
@@ -166,6 +198,8 @@ class _Slot:
     temperature: float
     #: Indices of the instructions that it may draw: P_g.
     prompts: tuple[int, ...]
+    #: The model that is asked.
+    model: str
 
 
 def _without_request(slot: int, operator: Operator, source: str) -> Proposal:
@@ -228,7 +262,7 @@ def _asking(
     where, joined = (slot.generation, slot.number), settings.system is SystemTurn.user
     noise = stream(settings.seed, "temperature", *where).uniform(-settings.jitter, settings.jitter)
     request = Request(
-        model=settings.model,
+        model=slot.model,
         system="" if joined else task.system,
         messages=(ChatMessage(role="user", content=f"{task.system}\n\n{text}" if joined else text),),
         temperature=clip(slot.temperature + noise),
@@ -244,3 +278,36 @@ def _asking(
         prompt=prompt,
         request=request,
     )
+
+
+def _models(settings: Settings, generation: int, slots: Sequence[int], known: Known) -> list[str]:
+    """Return the model that each slot asks."""
+    if not settings.models:
+        return [settings.model] * len(slots)
+    return draw_models(
+        settings.models, settings.choice, known.gains, seed=settings.seed, generation=generation, slots=slots
+    )
+
+
+def _telling(task: Task, settings: Settings, proposal: Proposal, population: Population, known: Known) -> Proposal:
+    """Return a proposal whose request tells what the settings say, and asks for their form of an answer."""
+    edits, note = settings.answer is AnswerForm.edit, Tell.notes in settings.tells
+    if proposal.request is None or not (edits or settings.tells):
+        return proposal
+    candidates = population.candidates
+    parents = [candidates[name] for name in proposal.parents]
+    told = told_text(
+        settings.tells,
+        parents=parents,
+        baseline=candidates.get(_founder(task).id),
+        candidates=candidates,
+        rejections=known.rejections,
+        notes=[one.note for one in parents if isinstance(one, Candidate)],
+    )
+    form = form_text(edits=edits, note=note, parents=len(parents))
+    (message,) = proposal.request.messages
+    system = f"{task.system}\n\n" if settings.system is SystemTurn.user else ""
+    text = with_told(message.content.removeprefix(system), told=told, form=form)
+    request = replace(proposal.request, messages=(replace(message, content=f"{system}{text}"),))
+    edited = parents[0].source.strip() if edits else None
+    return replace(proposal, request=request, edited=edited, asks_note=note)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.choices import Numerics
-from tacevo.gate.extraction import extract, extracted, first_look
+from tacevo.gate.extraction import edited, extract, extracted, first_look
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy.check import rejection_of
 from tacevo.profile import Admitted, Profile
@@ -88,12 +88,13 @@ class Gate:
     #: replay, because this code judges by the current rules only.
     rules: Rules
 
-    def admit(self, completion: Completion, asked: str = "") -> Admitted | Rejection:
+    def admit(self, completion: Completion, asked: str = "", parent: str | None = None) -> Admitted | Rejection:
         """Judge a model's answer.
 
         Args:
             completion: the answer.
             asked: what the model was asked, with the networks that it was given; empty where that is not known.
+            parent: the network that the answer may be edits of, as the model was given it; None where it may not.
 
         Raises:
             SandboxError: the sandbox is broken; nothing was stored.
@@ -111,8 +112,10 @@ class Gate:
         }
         if asked and self.rules.static >= _ASKED_SINCE:  # the hash, not the networks in it: those take a parser
             request["asked"] = hashlib.sha256(asked.encode(errors="replace")).hexdigest()
+        if parent is not None:
+            request["parent"] = hashlib.sha256(parent.encode()).hexdigest()
         # Python 3.12 parses text that 3.11 does not: a replay that judged again could differ from its recording.
-        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion, asked))
+        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion, asked, parent))
         if isinstance(source, str) and self._was_given(source, asked):
             again: dict[str, Json] = {**request, "own": False}
             source = recall_verdict(self.answers, again, str, "source", lambda: self._extract(completion, asked))
@@ -158,8 +161,11 @@ class Gate:
         verdict = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
         return verdict if isinstance(verdict, Rejection) else Admitted(source=source, profile=verdict)
 
-    def _extract(self, completion: Completion, asked: str) -> str | Rejection:
-        source = extract(completion, self.contract, asked)
+    def _extract(self, completion: Completion, asked: str, parent: str | None = None) -> str | Rejection:
+        whole = completion if parent is None else edited(completion, self.contract, parent)
+        if isinstance(whole, Rejection):
+            return whole
+        source = first_look(whole, limit=self.source_bytes) or extract(whole, self.contract, asked)
         return source if isinstance(source, Rejection) else rejection_of(source, self.contract) or source
 
     def _asked(self, source: str) -> dict[str, Json]:

@@ -19,12 +19,14 @@ The rules, in order:
 8. A text that binds the class's name twice is ambiguous, because Python would silently keep the last.
 9. An answer that was cut off counts only if something after its last class statement shows that the class was finished.
 10. An answer of more than 100 blocks, or one that takes more than 1,000,000 characters of parsing, is too complex.
+
+Where an answer may be edits of a network that the model was given, `tacevo.gate.patches` comes first.
 """
 
 import ast
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tacevo.gate.blocks import BlockParser, CodeBlock, TooComplexError, blocks_of, trimmed
 from tacevo.gate.fences import FenceKind, parts_of
@@ -33,7 +35,8 @@ from tacevo.gate.joining import ParsedCode, class_statements, future_first, part
 from tacevo.gate.likeness import repeats
 from tacevo.gate.lines import lines_of, names
 from tacevo.gate.names import bound_by
-from tacevo.gate.policy.problems import Problem
+from tacevo.gate.patches import patched
+from tacevo.gate.policy.problems import Problem, parse
 from tacevo.gate.quoted import is_edited
 from tacevo.gate.rewriting import rewritten, without_stars
 from tacevo.gate.tags import mentions_thought, without_thoughts
@@ -87,6 +90,35 @@ def extracted(completion: Completion, contract: Contract, asked: str = "") -> Ex
     except RecursionError:  # no parser's, but of what compares statements that are nested a thousand deep
         return _rejected(Reason.too_complex, "expressions are nested too deeply to be compared; simplify them")
     return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
+
+
+def edited(completion: Completion, contract: Contract, given: str) -> Completion | Rejection:
+    """Return the answer that is the network after an answer's edits; the answer itself where it has none.
+
+    The network is taken as a whole: no part of it stands for it where another part cannot be parsed.
+
+    Args:
+        completion: the answer, which `first_look` lets pass.
+        contract: names the class.
+        given: the network, as the model was given it.
+
+    Returns:
+        An answer that was not cut off, for `extract`; or a rejection at stage `extract`.
+    """
+    cut_off = completion.stop_reason in CUT_OFF
+    text = patched(_normalised(completion.text), _normalised(given), contract.class_name, cut_off=cut_off)
+    if isinstance(text, Problem):
+        return _rejected(text.reason, text.detail)
+    if text is None:
+        return completion
+    if completion.stop_reason in CUT_OFF - {"unknown"}:
+        return _rejected(Reason.truncated, "the answer was cut off, perhaps before its last edit")
+    tree = parse(text)
+    if isinstance(tree, Problem):
+        return _rejected(tree.reason, tree.detail)
+    if not class_statements(tree, contract.class_name):
+        return _rejected(Reason.no_class, f"expected class {contract.class_name} after the edits; got none")
+    return replace(completion, text=text, stop_reason="end_turn")
 
 
 def as_whole(text: str) -> str:

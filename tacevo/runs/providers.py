@@ -49,7 +49,8 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
     provider: Provider = part_of(config, PROVIDERS, prices=prices)
     account = Account(prices.price_of)
     if llm.budget_usd is not None:
-        provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
+        known = {name: _price(llm, name, prices) for name in llm.names}
+        provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=known[llm.names[0]], prices=known)
     return RecordingLLM(
         provider,
         stores.of("completions", llm.mode),
@@ -88,7 +89,8 @@ def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bo
         return []
     others = elsewhere and not asks_elsewhere(llm)
     own = ", the provider's own and not the server that answered so far (llm.base_url=URL names that)" if others else ""
-    price = prices_of(llm).price(llm.name, llm.delivery)
+    table = prices_of(llm)
+    price = dearest([table.price(name, llm.delivery) for name in llm.names])
     if price is None:
         paid = "what they cost is not known"
     elif before.uncounted or not before.answers:
@@ -106,9 +108,18 @@ def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bo
     ]
 
 
+def dearest(prices: Sequence[Price | None]) -> Price | None:
+    """Return a price above which no model of several costs, as far as one is known of each; else None."""
+    known = [price for price in prices if price is not None]
+    if len(known) < len(prices):
+        return None
+    inputs, outputs = max(price.input_usd for price in known), max(price.output_usd for price in known)
+    return replace(known[0], input_usd=inputs, output_usd=outputs)
+
+
 def name_warning(llm: LLMConfig) -> str | None:
     """Say what is wrong with the model's name for a run that may be published; None where nothing is."""
-    if not names_place(llm.name):
+    if llm.models is not None or not names_place(llm.name):
         return None
     return (
         f"llm.model={llm.model} is a path, and stands wherever the model is named; set llm.label=NAME, without which "
@@ -133,10 +144,12 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
     settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
     llm = config.llm
-    chosen = (llm.name, llm.max_tokens, provider_settings(llm, config.own_settings(llm.provider)))
-    if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
+    more = llm.max_tokens, provider_settings(llm, config.own_settings(llm.provider))
+    store = Store(Path(config.store.root), "completions")
+    # Where one of several models takes a temperature, the temperatures are not in vain.
+    if settings and all(ever_refused(store, (name, *more), TEMPERATURE) for name in llm.names):
         raise ConfigError(
-            f"{llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
+            f"{llm.name if llm.models else llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
             place=" ".join(settings),
             expected="a model that takes a temperature",
             remedy="leave the setting out, or choose another llm.model",
@@ -157,11 +170,11 @@ def provider_settings(llm: LLMConfig, own: Mapping[str, Json] | None = None) -> 
     return tuple(sorted((sampling | more).items()))
 
 
-def _price(llm: LLMConfig, prices: PriceTable) -> Price:
-    """Price the model that a budget is for."""
-    price = prices.price(llm.name, llm.delivery)
+def _price(llm: LLMConfig, name: str, prices: PriceTable) -> Price:
+    """Price a model that a budget is for."""
+    price = prices.price(name, llm.delivery)
     if price is None:
-        got, remedy = f"{llm.name} without a price in {llm.prices}", "name your own by llm.prices=FILE"
+        got, remedy = f"{name} without a price in {llm.prices}", "name your own by llm.prices=FILE"
         if asks_elsewhere(llm):
             got += ", which is not about other servers"
         else:

@@ -111,6 +111,10 @@ def build_settings(config: RunConfig, parts: Parts) -> Settings:
         system=config.llm.system,
         operator_for=config.proposals.operator_for,
         pool=config.prompts.pool,
+        tells=config.prompts.tells,
+        answer=config.prompts.answer,
+        models=config.llm.models or (),
+        choice=config.llm.choice,
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from tacevo.errors import ConfigError
 from tacevo.evolution.prompts import sample_text
+from tacevo.evolution.told import asks_edits, asks_note, without_told
 from tacevo.llm.grammar.crossover import cross
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.network import Network
@@ -29,6 +30,7 @@ from tacevo.randomness import stream
 from tacevo.records import Completion, Request, to_json
 from tacevo.space import Space
 from tacevo.storage.canonical import content_hash
+from tacevo.text import counted
 
 #: The model that every completion names; the name changes whenever equal requests may get other answers.
 MODEL = "grammar-2"
@@ -45,7 +47,9 @@ def from_settings(given: Given) -> "GrammarLLM":
         ConfigError: another model than this version's grammar is asked for.
     """
     llm = given.settings
-    if llm["model"] != MODEL:
+    if llm["models"] is not None:
+        _check_names([name for name, _ in llm["models"]])
+    elif llm["model"] != MODEL:
         raise ConfigError(
             repr(llm["model"]),
             place="llm.model",
@@ -53,6 +57,14 @@ def from_settings(given: Given) -> "GrammarLLM":
             remedy="an earlier grammar's run replays from its record; a new search asks this one",
         )
     return GrammarLLM(slip_rate=llm["slip_rate"], space=llm["space"])
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Check the names under which the one grammar stands for several models, to try their choice without a key."""
+    for name in names:
+        if name != MODEL and not name.startswith(f"{MODEL}-"):
+            expected = f"{MODEL}, or a name that begins with {MODEL}-, for llm=grammar"
+            raise ConfigError(repr(name), place="llm.models", expected=expected)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,21 +89,30 @@ def answer(request: Request, *, slip_rate: float, space: Space | None = None) ->
     `sample_text`, to the letter. The draws depend neither on the slip rate nor on the request's provider settings
     (where a plan records that rate), so runs that differ in it alone share their proper answers; nor on the
     temperature, so a warmer request gets the same network with further edits (`variations.warm`).
+
+    It makes nothing of what a request tells beside parents and instruction, so its networks do not depend on that. Asked
+    for edits, it writes the same network as edits of the first parent, and asked for a note, it says how deep it is.
     """
-    digest = content_hash(to_json(replace(request, settings=(), temperature=0.0)))
+    first, *rest = request.messages
+    bare = replace(first, content=without_told(first.content))
+    known = replace(request, messages=(bare, *rest), settings=(), temperature=0.0)
+    digest = content_hash(to_json(known))
     try:
-        child = _child(request, space, stream(0, "grammar", digest))
+        child = _child(bare.content, request.temperature, space, stream(0, "grammar", digest))
     except UnreadableError as error:
         return _completion(request, f"I cannot read the request, so this answer holds no code: {error}.\n")
     rng = stream(0, "grammar", "slip", digest)
     slip = draw(slip_rate, rng)
-    text = proper(child) if slip is None else spoil(child, slip, rng)
+    parent = _PARENT.findall(bare.content)[0] if asks_edits(first.content) else None
+    text = proper(child, parent) if slip is None else spoil(child, slip, rng, parent)
+    if asks_note(first.content) and slip is not Slip.cut_off:
+        blocks, hidden = len(child.blocks), len(child.head.hidden)
+        text += f"\nNOTES: this network has {counted(blocks, 'block')} and {counted(hidden, 'hidden layer')}.\n"
     return _completion(request, text, is_cut=slip is Slip.cut_off)
 
 
-def _child(request: Request, space: Space | None, rng: np.random.Generator) -> Network:
-    """Make the network that a request asks for."""
-    content = request.messages[0].content
+def _child(content: str, temperature: float, space: Space | None, rng: np.random.Generator) -> Network:
+    """Make the network that a message asks for."""
     instruction = _INSTRUCTION.search(content)
     sources = _PARENT.findall(content)
     parents = [parse(source) for source in sources]
@@ -100,12 +121,12 @@ def _child(request: Request, space: Space | None, rng: np.random.Generator) -> N
     if content == sample_text(sources[0]):
         return wander(parents[0], rng) if space is None else wandered(space, parents[0], rng)
     if space is not None and len(parents) == 1:
-        return mutated(space, parents[0], instruction[1], request.temperature, rng)
+        return mutated(space, parents[0], instruction[1], temperature, rng)
     if space is not None:
-        return crossed(space, parents[0], parents[1], request.temperature, rng)
+        return crossed(space, parents[0], parents[1], temperature, rng)
     if len(parents) == 1:
-        return transform(parents[0], instruction[1], rng, request.temperature)
-    return warm(cross(parents[0], parents[1], instruction[1], rng), request.temperature, rng)
+        return transform(parents[0], instruction[1], rng, temperature)
+    return warm(cross(parents[0], parents[1], instruction[1], rng), temperature, rng)
 
 
 def _completion(request: Request, text: str, *, is_cut: bool = False) -> Completion:
