@@ -49,8 +49,7 @@ def llm_identity(llm: LLMConfig) -> dict[str, Json]:
     """Return the settings of a model that decide its answers; those that came later only where they are set."""
     named = ("provider", "model", "max_tokens", "slip_rate", "system", "space", "models", "choice", *OPTIONAL_SAMPLING)
     provider = llm.provider.rpartition("/")[2]  # of one in a file, no path is recorded
-    model = llm.name if llm.models is None else ""  # several models stand in its place
-    asked = written(replace(llm, model=model, provider=provider))
+    asked = written(replace(llm, model=llm.name, provider=provider))
     return {name: value for name, value in asked.items() if name in named}
 
 

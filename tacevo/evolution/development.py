@@ -39,8 +39,8 @@ class Effects:
     """The effects of a search; each answers from a store what it answered before."""
 
     llm: LLM
-    #: The gate, for a model's answer, what it was asked and, where the answer may be edits of a network, this network.
-    admit: Callable[..., Admitted | Rejection]
+    #: The gate, for a model's answer and what it was asked.
+    admit: Callable[[Completion, str], Admitted | Rejection]
     #: The gate, for the task's baseline.
     inspect: Callable[[str], Admitted | Rejection]
     #: The gate's probe alone, for a source that the gate admitted before: a given network.
@@ -51,6 +51,9 @@ class Effects:
     executor: Executor
     #: The processor time, in seconds, of all candidates that the calling thread has waited for; it only grows.
     cpu_seconds: Callable[[], float]
+    #: Applies the edits of an answer to the network that it may be edits of; what comes is for `admit`. Without it, no
+    #: answer is edits.
+    edited: Callable[[Completion, str], Completion | Rejection] = lambda completion, _: completion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,9 +156,7 @@ def _sent_back(judged: Mapping[int, "_Slot"]) -> dict[int, "_Slot"]:
     for index, slot in judged.items():
         if slot.request is None or slot.completion is None or not isinstance(slot.gated, Rejection):
             continue
-        repair = repair_request(
-            slot.request, slot.completion.text, slot.gated, edits=slot.proposal.edited is not None
-        )
+        repair = repair_request(slot.request, slot.completion.text, slot.gated, edits=slot.proposal.edited is not None)
         if repair is not None:
             attempt = Attempt(completion=slot.completion, rejection=slot.gated)
             again[index] = replace(slot, request=repair, attempts=(*slot.attempts, attempt))
@@ -254,8 +255,9 @@ def _gate(slot: _Slot, completion: Completion | None, effects: Effects) -> Admit
     if completion is not None:
         messages = () if slot.request is None else slot.request.messages
         asked = "\n".join(message.content for message in messages if message.role == "user")
-        answer = without_note(completion) if proposal.asks_note else completion
-        return effects.admit(answer, asked, *(() if proposal.edited is None else (proposal.edited,)))
+        noteless = without_note(completion) if proposal.asks_note else completion
+        answer = noteless if proposal.edited is None else effects.edited(noteless, proposal.edited)
+        return answer if isinstance(answer, Rejection) else effects.admit(answer, asked)
     if proposal.operator is Operator.baseline:
         return effects.inspect(proposal.source)
     return effects.measure(proposal.source)

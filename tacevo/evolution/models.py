@@ -28,7 +28,7 @@ class Gains:
 def gain_of(fitness: float | None, parents: Iterable[float]) -> float:
     """Return the gain of a child in [0, 1]: the logarithm by which its loss is below that of its better parent.
 
-    It is 0 of a child that is not better or did not train (None), and 1 where the loss is e times lower, or lower still.
+    It is 0 of a child that is not better or did not train (None), and 1 where the loss is e times lower or more.
 
     Args:
         fitness: the child's; None where it did not train.
@@ -53,8 +53,8 @@ def draw_models(
 
     By `weights` a slot draws from a stream of its own. The `bandit` draws nothing: slot after slot it takes the model
     with the largest m + sqrt(2 ln N / n), where n are the answers of a model, m is their mean gain, and N are the
-    answers of all; slots of this generation before it count as answers of the mean gain. A model without an answer comes
-    first, and of several alike the first one in the user's order.
+    answers of all; slots of this generation before it count as answers of the mean gain. A model without an answer
+    comes first, and of several alike the first one in the user's order.
 
     Args:
         models: names and weights > 0, in the user's order.

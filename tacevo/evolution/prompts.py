@@ -151,7 +151,10 @@ def repair_request(request: Request, answer: str, rejection: Rejection, *, edits
     """
     if rejection.reason in _NOT_REPAIRED or not answer.strip():
         return None
-    turns = (ChatMessage(role="assistant", content=answer), ChatMessage(role="user", content=repair_text(rejection, edits=edits)))
+    turns = (
+        ChatMessage(role="assistant", content=answer),
+        ChatMessage(role="user", content=repair_text(rejection, edits=edits)),
+    )
     return replace(request, messages=(*request.messages, *turns))
 
 

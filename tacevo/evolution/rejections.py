@@ -1,7 +1,7 @@
 r"""The gate's reasons in words that a request may tell: stage, reason, and a detail that carries nothing else.
 
-A detail may quote a candidate: its names, a line of it, the message of an exception that it raised. Such a text could be
-meant for the model that reads it. So a detail is told only where it is a sentence of the gate, of torch or of Python
+A detail may quote a candidate: its names, a line of it, the message of an exception that it raised. Such a text could
+be meant for the model that reads it. So a detail is told only where it is a sentence of the gate, of torch or of Python
 that is known here, in which the candidate decides numbers, shapes and names of at most 40 letters alone.
 """
 
@@ -19,7 +19,9 @@ _LONGEST = 240
 #: The sentences of extraction that quote what a model wrote; all others of it are the gate's alone.
 _CLASSES = re.compile(rf"(expected a class \S+; got )({_NAME}(?:, {_NAME}){{0,2}})(?:, .*)?", re.ASCII)
 _LAST_VERSION = re.compile(r"(?<=whole); got .*")
-_SYNTAX = re.compile(r"(line \d+: (?:SyntaxError|IndentationError|TabError): [A-Za-z ,.()'=?-]{1,80}): ['\"].*", re.ASCII)
+_SYNTAX = re.compile(
+    r"(line \d+: (?:SyntaxError|IndentationError|TabError): [A-Za-z ,.()'=?-]{1,80}): ['\"].*", re.ASCII
+)
 
 _POLICY = re.compile(
     rf"line \d+: (?:(?:attribute|module|special method|class) )?{_NAME} (?:may|already means|is the module) [ -~]*",
@@ -53,14 +55,15 @@ _SENTENCES = (
     r"RuntimeError: Given groups=\d+, weight of size SIZES, expected inputSIZES to have \d+ channels, but got \d+ "
     r"channels instead",
     r"RuntimeError: The size of tensor a SIZES must match the size of tensor b SIZES at non-singleton dimension \d+",
-    r"RuntimeError: Sizes of tensors must match except in dimension \d+\. Expected size \d+ but got size \d+ for tensor "
-    r"number \d+ in the list\.",
-    r"RuntimeError: Calculated padded input size per channel: SIZES\. Kernel size: SIZES\. Kernel size can't be greater "
-    r"than actual input size",
+    r"RuntimeError: Sizes of tensors must match except in dimension \d+\. Expected size \d+ but got size \d+ for "
+    r"tensor number \d+ in the list\.",
+    r"RuntimeError: Calculated padded input size per channel: SIZES\. Kernel size: SIZES\. Kernel size can't be "
+    r"greater than actual input size",
     r"RuntimeError: Given input size: SIZES\. Calculated output size: SIZES\. Output size is too small",
     r"RuntimeError: Given normalized_shape=SIZES, expected input with shape \[\*, \d+\], but got input of sizeSIZES",
     r"RuntimeError: running_mean should contain \d+ elements not \d+",
-    r"RuntimeError: Expected \d+D(?: or \d+D)* (?:\(\w+\) )?(?:or \d+D \(\w+\) )?input to \w{1,20}, but got input of size: SIZES",
+    r"RuntimeError: Expected \dD(?: \(\w{1,9}\))?(?: or \dD(?: \(\w{1,9}\))?)? input to \w{1,20}, but got input "
+    r"of size: SIZES",
     r"RuntimeError: shape 'SIZES' is invalid for input of size \d+",
     r"ValueError: expected \d+D(?: or \d+D)? input \(got \d+D input\)",
     r"ValueError: Expected more than 1 value per channel when training, got input size torch\.Size\(SIZES\)",

@@ -7,10 +7,11 @@ the test images is at hand here.
 """
 
 import difflib
+import itertools
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from tacevo import parts
@@ -33,6 +34,9 @@ _BEST, _REASONS = 3, 10
 
 #: The most lines of a network that is compared with a parent, and the most characters of what differs.
 _LINES, _SHOWN = 600, 4_000
+
+#: The most lines in a row that are shown of what stands in the parent alone.
+_GONE = 4
 
 #: The most words and characters of a note.
 _WORDS, _CHARACTERS = 100, 800
@@ -171,7 +175,9 @@ def _failures(rejections: Sequence[Rejection]) -> str:
 
 def _best(best: Sequence[parts.Candidate], parents: Sequence[parts.Candidate]) -> str:
     shown = "parent network" if len(parents) == 1 else "first parent network"
-    lines = [f"The best networks so far; a line with - stands in the {shown} alone, one with + in the better one alone:"]
+    lines = [
+        f"The best networks so far; a line with - stands in the {shown} alone, one with + in the better one alone:"
+    ]
     for number, one in enumerate(best, 1):
         lines.append(f"\n{number}. {_figures_of(one)}{_difference(one, parents)}")
     return "\n".join(lines) if best else ""
@@ -186,7 +192,7 @@ def _difference(one: parts.Candidate, parents: Sequence[parts.Candidate]) -> str
     old, new = (text.strip().split("\n") for text in (parents[0].source, one.source))
     if max(len(old), len(new)) > _LINES:
         return f", of {len(new)} lines, too many to be shown"
-    changes = [line for line in difflib.unified_diff(old, new, n=1, lineterm="")][2:]  # without names of files
+    changes = _shortened(list(difflib.unified_diff(old, new, n=1, lineterm=""))[2:])  # without names of files
     kept: list[str] = []
     left = _SHOWN
     for line in changes:
@@ -196,6 +202,13 @@ def _difference(one: parts.Candidate, parents: Sequence[parts.Candidate]) -> str
             break
         kept.append(line)
     return f":\n\n{_fenced(kept)}"
+
+
+def _shortened(changes: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of a difference, with the first and the last one alone of many that stand in the parent alone."""
+    for is_gone, run in itertools.groupby(changes, lambda line: line.startswith("-")):
+        lines = list(run)
+        yield from [lines[0], f"-[{len(lines) - 2} lines]", lines[-1]] if is_gone and len(lines) > _GONE else lines
 
 
 def _fenced(lines: Sequence[str]) -> str:

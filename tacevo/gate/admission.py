@@ -88,13 +88,12 @@ class Gate:
     #: replay, because this code judges by the current rules only.
     rules: Rules
 
-    def admit(self, completion: Completion, asked: str = "", parent: str | None = None) -> Admitted | Rejection:
+    def admit(self, completion: Completion, asked: str = "") -> Admitted | Rejection:
         """Judge a model's answer.
 
         Args:
             completion: the answer.
             asked: what the model was asked, with the networks that it was given; empty where that is not known.
-            parent: the network that the answer may be edits of, as the model was given it; None where it may not.
 
         Raises:
             SandboxError: the sandbox is broken; nothing was stored.
@@ -112,14 +111,23 @@ class Gate:
         }
         if asked and self.rules.static >= _ASKED_SINCE:  # the hash, not the networks in it: those take a parser
             request["asked"] = hashlib.sha256(asked.encode(errors="replace")).hexdigest()
-        if parent is not None:
-            request["parent"] = hashlib.sha256(parent.encode()).hexdigest()
         # Python 3.12 parses text that 3.11 does not: a replay that judged again could differ from its recording.
-        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion, asked, parent))
+        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion, asked))
         if isinstance(source, str) and self._was_given(source, asked):
             again: dict[str, Json] = {**request, "own": False}
             source = recall_verdict(self.answers, again, str, "source", lambda: self._extract(completion, asked))
         return source if isinstance(source, Rejection) else self.measure(source)
+
+    def edited(self, completion: Completion, parent: str) -> Completion | Rejection:
+        """Return an answer that is a parent after the edits that an answer has; the answer itself where it has none.
+
+        What comes is for `admit`, which judges it as any other answer. Nothing is stored: it takes no parser.
+
+        Args:
+            completion: the answer.
+            parent: the network that it may be edits of, as the model was given it.
+        """
+        return first_look(completion, limit=self.source_bytes) or edited(completion, parent, self.contract.class_name)
 
     def notes(self, completion: Completion, asked: str = "") -> tuple[str, ...]:
         """Say what of an answer was changed, so that the policy could let it pass; empty where nothing was.
@@ -161,11 +169,8 @@ class Gate:
         verdict = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
         return verdict if isinstance(verdict, Rejection) else Admitted(source=source, profile=verdict)
 
-    def _extract(self, completion: Completion, asked: str, parent: str | None = None) -> str | Rejection:
-        whole = completion if parent is None else edited(completion, self.contract, parent)
-        if isinstance(whole, Rejection):
-            return whole
-        source = first_look(whole, limit=self.source_bytes) or extract(whole, self.contract, asked)
+    def _extract(self, completion: Completion, asked: str) -> str | Rejection:
+        source = extract(completion, self.contract, asked)
         return source if isinstance(source, Rejection) else rejection_of(source, self.contract) or source
 
     def _asked(self, source: str) -> dict[str, Json]:

@@ -36,7 +36,7 @@ from tacevo.gate.likeness import repeats
 from tacevo.gate.lines import lines_of, names
 from tacevo.gate.names import bound_by
 from tacevo.gate.patches import patched
-from tacevo.gate.policy.problems import Problem, parse
+from tacevo.gate.policy.problems import Problem
 from tacevo.gate.quoted import is_edited
 from tacevo.gate.rewriting import rewritten, without_stars
 from tacevo.gate.tags import mentions_thought, without_thoughts
@@ -92,33 +92,29 @@ def extracted(completion: Completion, contract: Contract, asked: str = "") -> Ex
     return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
 
 
-def edited(completion: Completion, contract: Contract, given: str) -> Completion | Rejection:
-    """Return the answer that is the network after an answer's edits; the answer itself where it has none.
+def edited(completion: Completion, parent: str, name: str) -> Completion | Rejection:
+    """Return an answer that is a parent after the edits that an answer has; the answer itself where it has none.
 
-    The network is taken as a whole: no part of it stands for it where another part cannot be parsed.
+    The text stands between fences, so that it is read as a whole: no part of it stands for it where another cannot be
+    parsed.
 
     Args:
         completion: the answer, which `first_look` lets pass.
-        contract: names the class.
-        given: the network, as the model was given it.
+        parent: the network that it may be edits of, as the model was given it.
+        name: of its class.
 
     Returns:
         An answer that was not cut off, for `extract`; or a rejection at stage `extract`.
     """
-    cut_off = completion.stop_reason in CUT_OFF
-    text = patched(_normalised(completion.text), _normalised(given), contract.class_name, cut_off=cut_off)
+    text = patched(_normalised(completion.text), _normalised(parent), name, cut_off=completion.stop_reason in CUT_OFF)
     if isinstance(text, Problem):
         return _rejected(text.reason, text.detail)
     if text is None:
         return completion
     if completion.stop_reason in CUT_OFF - {"unknown"}:
         return _rejected(Reason.truncated, "the answer was cut off, perhaps before its last edit")
-    tree = parse(text)
-    if isinstance(tree, Problem):
-        return _rejected(tree.reason, tree.detail)
-    if not class_statements(tree, contract.class_name):
-        return _rejected(Reason.no_class, f"expected class {contract.class_name} after the edits; got none")
-    return replace(completion, text=text, stop_reason="end_turn")
+    fence = "~" * (3 + max((len(run) for run in re.findall("~+", text)), default=0))
+    return replace(completion, text=f"{fence}python\n{text}\n{fence}\n", stop_reason="end_turn")
 
 
 def as_whole(text: str) -> str:

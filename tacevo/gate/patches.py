@@ -2,18 +2,20 @@
 
 The rules, in order:
 
-1. An answer with a line that is a mark of an edit, or nearly one, is edits; any other is read as ever. Thoughts are left
-   out before that (`tacevo.gate.tags`).
-2. An edit is the lines between `<<<<<<< SEARCH` and `=======`, and those between that and `>>>>>>> REPLACE`, each mark on
-   a line of its own. Words and fences around edits do not count; the class beside them makes the answer ambiguous.
+1. An answer with a line that is a mark of an edit, or nearly one, is edits; any other is read as ever. Thoughts are
+   left out before that (`tacevo.gate.tags`).
+2. An edit is the lines between `<<<<<<< SEARCH` and `=======`, and those between that and `>>>>>>> REPLACE`, each mark
+   on a line of its own. Words and fences around edits do not count; the class beside them makes the answer ambiguous.
 3. The lines searched for stand in the network exactly once, as whole lines with their indentation. All edits refer to
    the network as it was given, so their order does not matter, and they do not overlap.
-4. The result is read as an answer that is nothing but this text, and goes through the whole gate.
+4. The result is read as an answer that is nothing but this text, and goes through the whole gate: what an edit may
+   make of a network, within its class and beside it, is what any answer may.
 """
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from tacevo.gate.policy.problems import Problem
 from tacevo.gate.tags import mentions_thought, without_thoughts
@@ -26,7 +28,9 @@ _SEARCH, _MIDDLE, _REPLACE = "<<<<<<< SEARCH", "=======", ">>>>>>> REPLACE"
 _MARK = re.compile(r"[ \t]*(?:<{5,}|>{5,})(?:[ \t].*)?")
 
 #: What the details of malformed edits say.
-_EXPECTED = f"expected edits of the form `{_SEARCH}`, lines, `{_MIDDLE}`, lines, `{_REPLACE}`, each mark on a line of its own"
+_EXPECTED = (
+    f"expected edits of the form `{_SEARCH}`, lines, `{_MIDDLE}`, lines, `{_REPLACE}`, each mark on a line of its own"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +45,7 @@ def patched(answer: str, given: str, name: str, *, cut_off: bool) -> str | Probl
     """Return a network after the edits of an answer.
 
     Args:
-        answer: with `\\n` at the ends of lines.
+        answer: its lines end with a line feed alone.
         given: the network as the model was given it.
         name: of its class.
         cut_off: whether the answer was, or may have been, cut off.
@@ -55,7 +59,9 @@ def patched(answer: str, given: str, name: str, *, cut_off: bool) -> str | Probl
         return None
     read = _edits_of(lines)
     if read is None:
-        return Problem(Reason.truncated, "the answer was cut off") if cut_off else Problem(Reason.misfit_edit, _EXPECTED)
+        return (
+            Problem(Reason.truncated, "the answer was cut off") if cut_off else Problem(Reason.misfit_edit, _EXPECTED)
+        )
     edits, beside = read
     if re.search(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", "\n".join(beside), re.MULTILINE):
         return Problem(Reason.ambiguous, f"expected edits or the whole class {name}; got both")
@@ -93,10 +99,12 @@ def _applied(edits: Sequence[_Edit], given: Sequence[str]) -> str | Problem:
         found = [at for at in range(len(given) - length + 1) if list(given[at : at + length]) == edit.searched]
         if len(found) != 1:
             times = f"{counted(len(found), 'place')} in it" if found else "none; repeat them with their indentation"
-            return Problem(Reason.misfit_edit, f"{which}: expected lines that stand in the parent exactly once; got {times}")
+            return Problem(
+                Reason.misfit_edit, f"{which}: expected lines that stand in the parent exactly once; got {times}"
+            )
         places.append((found[0], found[0] + length, edit.replaced))
     places.sort()
-    if any(end > start for (_, end, _), (start, _, _) in zip(places, places[1:], strict=False)):
+    if any(end > start for (_, end, _), (start, _, _) in pairwise(places)):
         return Problem(Reason.misfit_edit, "expected edits that do not overlap; got some that do")
     text = list(given)
     for start, end, replaced in reversed(places):

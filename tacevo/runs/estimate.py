@@ -4,17 +4,19 @@ The requests of generation 0 are those that a search would send. Later ones depe
 quotes one network, a crossover two, and their length is a guess. `llm.budget_usd` is the limit.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.config.schema import UNCHOSEN, RunConfig
+from tacevo.choices import AnswerForm, ModelChoice
+from tacevo.config.schema import UNCHOSEN, LLMConfig, RunConfig
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.errors import TacevoError
 from tacevo.evolution.prompts import crossover_text, mutation_text
 from tacevo.evolution.proposals import plan_initial
-from tacevo.llm.prices import likely_tokens
+from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Mode, Request, Task, to_json
 from tacevo.runs.datasets import source_of
 from tacevo.runs.decisions import Decisions, Parts
@@ -25,7 +27,7 @@ from tacevo.runs.wiring import build_settings
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
-from tacevo.text import counted, table
+from tacevo.text import counted, listed, table
 
 #: The text that a user reads while a pace is measured: it takes some 80 s of a processor for images of 256 px.
 MEASURING = (
@@ -47,6 +49,8 @@ class Estimate:
     #: Expected values, so not integers.
     input_tokens: float
     output_tokens: float
+    #: Both by model, in the order of the configuration.
+    by_model: tuple[tuple[float, float], ...]
 
 
 def estimate(config: RunConfig) -> Estimate:
@@ -69,19 +73,32 @@ def estimate(config: RunConfig) -> Estimate:
     crossed = later * (1.0 - config.proposals.mutation_probability)
     mutation, crossover = _likely_inputs(task)
     asked = search.initial - recorded + later
-    known = (answer for answer in _answers(Path(config.store.root), config.llm.name) if answer.tokens is not None)
-    spent = spending_on(known)
     inputs = (asked - crossed) * mutation + crossed * crossover
     outputs = float(asked * likely_tokens(task.baseline))
-    if spent.answers:
-        inputs, outputs = (asked * tokens / spent.answers for tokens in (spent.input_tokens, spent.output_tokens))
+    samples, by_model = 0, []
+    for name, share in _shares(config.llm):
+        known = (answer for answer in _answers(Path(config.store.root), name) if answer.tokens is not None)
+        spent = spending_on(known)
+        tokens = inputs, outputs
+        if spent.answers:
+            tokens = asked * spent.input_tokens / spent.answers, asked * spent.output_tokens / spent.answers
+        samples += spent.answers
+        by_model.append((share * tokens[0], share * tokens[1]))
     return Estimate(
         requests=search.initial + later,
         recorded=recorded,
-        samples=spent.answers,
-        input_tokens=inputs,
-        output_tokens=outputs,
+        samples=samples,
+        input_tokens=math.fsum(tokens for tokens, _ in by_model),
+        output_tokens=math.fsum(tokens for _, tokens in by_model),
+        by_model=tuple(by_model),
     )
+
+
+def _shares(llm: LLMConfig) -> list[tuple[str, float]]:
+    """Return the likely share of each model in the requests: that of its weight; with a bandit, equal ones."""
+    weighed = llm.models or ((llm.name, 1.0),)
+    whole = math.fsum(weight for _, weight in weighed)
+    return [(name, weight / whole) for name, weight in weighed]
 
 
 def _first_requests(config: RunConfig, task: Task, parts: Parts) -> list[Request]:
@@ -108,7 +125,8 @@ def describe_cost(config: RunConfig) -> str:
     delivered = config.llm.facts.deliveries
     basis = "networks are as long as the baseline, and a token has four characters"
     if estimated.samples:
-        basis = f"answers are like the mean of the {estimated.samples} recorded ones of this model"
+        of = "this model" if config.llm.models is None else "these models"
+        basis = f"answers are like the mean of the {estimated.samples} recorded ones of {of}"
     repairs = ", and no answer is sent back for repair" if config.proposals.repair_attempts else ""
     ends = ", and search.training_flops does not end the search early" if config.search.training_flops else ""
     header = ["input tokens", "output tokens", *(f"USD {each.value}" for each in delivered)]
@@ -116,9 +134,9 @@ def describe_cost(config: RunConfig) -> str:
     row = [*counts, *map(_dollars, _costs(config, estimated, delivered))]
     return "\n".join(
         [
-            f"{estimated.requests} requests to {config.llm.model}; the answers to {estimated.recorded} of generation 0 "
-            "are recorded already.",
-            f"No request was sent. The table assumes that {basis}{repairs}{ends}.",
+            f"{estimated.requests} requests to {_asked(config.llm)}; the answers to {estimated.recorded} of generation "
+            "0 are recorded already.",
+            f"No request was sent. The table assumes that {basis}{repairs}{ends}.{_told(config)}",
             "",
             table(header, [row]),
             "",
@@ -151,6 +169,24 @@ def describe_estimates(jobs: Sequence[tuple[str, RunConfig]], measure: Measure =
     )
 
 
+def _asked(llm: LLMConfig) -> str:
+    """Name the models that are asked; several with their shares."""
+    if llm.models is None:
+        return llm.model
+    shares = listed(f"{name} {share:.0%}" for name, share in _shares(llm))
+    return f"{shares}, of which a bandit will make others" if llm.choice is ModelChoice.bandit else shares
+
+
+def _told(config: RunConfig) -> str:
+    """Say what the table leaves out of requests and answers; empty where that is nothing."""
+    prompts, left = config.prompts, []
+    if prompts.tells:
+        left.append("what prompts.tells adds to requests")
+    if prompts.answer is AnswerForm.edit:
+        left.append("what prompts.answer=edit saves of answers")
+    return f" Not counted, unless recorded answers have it: {' and '.join(left)} (docs/llm.md)." if left else ""
+
+
 def _figures(config: RunConfig, delivered: Sequence[Delivery], seconds: float | None) -> list[float | None]:
     """Return the figures of a job's row; None where one is not known."""
     estimated = estimate(config)
@@ -161,8 +197,18 @@ def _figures(config: RunConfig, delivered: Sequence[Delivery], seconds: float | 
 def _costs(config: RunConfig, estimated: Estimate, delivered: Sequence[Delivery]) -> list[float | None]:
     """Price the tokens for each delivery; None where the provider has none such, or its price is not known."""
     table, offered = prices_of(config.llm), config.llm.facts.deliveries
-    prices = [table.price(config.llm.name, each) if each in offered else None for each in delivered]
-    return [None if price is None else price.cost(estimated.input_tokens, estimated.output_tokens) for price in prices]
+    return [_cost(table, config.llm, estimated, each) if each in offered else None for each in delivered]
+
+
+def _cost(table: PriceTable, llm: LLMConfig, estimated: Estimate, delivery: Delivery) -> float | None:
+    """Price the tokens of every model; None where the price of one is not known."""
+    costs = []
+    for name, (read, written) in zip(llm.names, estimated.by_model, strict=True):
+        price = table.price(name, delivery)
+        if price is None:
+            return None
+        costs.append(price.cost(read, written))
+    return math.fsum(costs)
 
 
 def _seconds(config: RunConfig, measure: Measure, paces: dict[str, Pace | None]) -> float | None:
@@ -245,11 +291,16 @@ def _answers(root: Path, model: str) -> Iterator[Completion]:
 def _remarks(config: RunConfig) -> Sequence[str]:
     """Return the date of the prices, the delivery and budget of this run, and when the model is retired."""
     prices = prices_of(config.llm)
-    price = prices.price(config.llm.name, Delivery.direct)
-    known = f"prices of {price.dated}" if price is not None else f"{config.llm.prices} lacks the price of this model"
+    found = [prices.price(name, Delivery.direct) for name in config.llm.names]
+    lacking = [name for name, price in zip(config.llm.names, found, strict=True) if price is None]
+    known = f"prices of {listed(sorted({price.dated for price in found if price is not None}))}"
+    if lacking:
+        of = "this model" if config.llm.models is None else listed(lacking)
+        known = f"{config.llm.prices} lacks the price of {of}"
     if config.llm.model == UNCHOSEN:
         known = "the cost is that of the model: add llm=anthropic, or llm=openai llm.model=NAME"
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"
-    retired = prices.retirement(config.llm.name)
-    gone = [] if retired is None else [f"{config.llm.model} is not served from {retired} on; set llm.model to another"]
+    ends = [(name, prices.retirement(name)) for name in config.llm.names]
+    setting = "llm.model" if config.llm.models is None else "llm.models"
+    gone = [f"{name} is not served from {day} on; set {setting} to another" for name, day in ends if day is not None]
     return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone]

@@ -148,8 +148,9 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     store = Store(Path(config.store.root), "completions")
     # Where one of several models takes a temperature, the temperatures are not in vain.
     if settings and all(ever_refused(store, (name, *more), TEMPERATURE) for name in llm.names):
+        name = llm.model if llm.models is None else llm.name
         raise ConfigError(
-            f"{llm.name if llm.models else llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
+            f"{name}, which refuses temperatures: its answers in {config.store.root} were given without",
             place=" ".join(settings),
             expected="a model that takes a temperature",
             remedy="leave the setting out, or choose another llm.model",

@@ -240,6 +240,7 @@ class Workbench:
             evaluation_key=lambda source: evaluator.key(source, seed),
             executor=self.executor,
             cpu_seconds=self.cpu_seconds,
+            edited=gate.edited,
         )
 
     def gate(self, rules: Rules) -> Gate:

@@ -243,6 +243,8 @@ DECIDES: dict[str, Any] = {
     "temperature.rule": "stall",
     "prompts.policy": "curiosity",
     "prompts.pool": 5,
+    "prompts.tells": ["failures"],
+    "prompts.answer": "edit",
     "proposals.parents": "best",
     "proposals.repair_attempts": 1,
     "proposals.operator_for": "candidate",
@@ -288,6 +290,7 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"parts", "code"}  # what a user brought: tests/parts
     listed |= {"llm.label"}  # which stands for the model, below
     listed |= {"llm.space"}  # which decides where there is one: tests/rooms/grammar/test_space.py
+    listed |= {"llm.models", "llm.choice"}  # which stand in the place of llm.model: tests/evolution/test_models.py
     listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
     listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}

@@ -5,7 +5,7 @@ from difflib import SequenceMatcher
 
 
 def edits(parent: str, child: str) -> str:
-    """Return edits that turn the lines of a parent, which is not blank, into those of a child; or the child, if shorter.
+    """Return edits that turn the lines of a parent, which is not blank, into those of a child; or a shorter child.
 
     The lines that an edit searches for are those that change, and as many around them as make them stand there once.
     """
@@ -14,10 +14,8 @@ def edits(parent: str, child: str) -> str:
     changes = [(a, b, d - c - (b - a)) for tag, a, b, c, d in matcher.get_opcodes() if tag != "equal"]
     spans: list[tuple[int, int]] = []
     for first, last in sorted(_alone(old, a, b) for a, b, _ in changes):
-        if spans and first <= spans[-1][1]:
-            before = spans.pop()
-            first, last = before[0], max(last, before[1])
-        spans.append((first, last))
+        before = spans.pop() if spans and first <= spans[-1][1] else (first, last)
+        spans.append((before[0], max(last, before[1])))
     written = ""
     for first, last in spans:
         start = first + sum(longer for a, _, longer in changes if a < first)

@@ -90,8 +90,8 @@ def answer(request: Request, *, slip_rate: float, space: Space | None = None) ->
     (where a plan records that rate), so runs that differ in it alone share their proper answers; nor on the
     temperature, so a warmer request gets the same network with further edits (`variations.warm`).
 
-    It makes nothing of what a request tells beside parents and instruction, so its networks do not depend on that. Asked
-    for edits, it writes the same network as edits of the first parent, and asked for a note, it says how deep it is.
+    It makes nothing of what a request tells beside parents and instruction, so its networks do not depend on that.
+    Asked for edits, it writes the same network as edits of the first parent; asked for a note, it says how deep it is.
     """
     first, *rest = request.messages
     bare = replace(first, content=without_told(first.content))
