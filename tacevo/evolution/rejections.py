@@ -17,7 +17,7 @@ _SIZES = r"[-\d., x()\[\]]{1,60}"
 _LONGEST = 240
 
 #: The sentences of extraction that quote what a model wrote; all others of it are the gate's alone.
-_CLASSES = re.compile(rf"(expected a class \S+; got )({_NAME}(?:, {_NAME}){{0,2}})(?:, .*)?", re.ASCII)
+_CLASSES = re.compile(rf"(expected a class \S+; got )({_NAME})(?:, .*)?", re.ASCII)
 _LAST_VERSION = re.compile(r"(?<=whole); got .*")
 _SYNTAX = re.compile(
     r"(line \d+: (?:SyntaxError|IndentationError|TabError): [A-Za-z ,.()'=?-]{1,80}): ['\"].*", re.ASCII

@@ -13,6 +13,7 @@ import pytest
 from checkout import GOLDEN
 from refusals import refused
 
+from tacevo.choices import AnswerForm, ModelChoice, Tell
 from tacevo.errors import ConfigError, DivergenceError
 from tacevo.evolution import instructions
 from tacevo.evolution.algorithm import run_search
@@ -53,6 +54,9 @@ PLANS = {
     },
     "budget": replace(fakes.plan(generations=9), budget=BUDGET),
     "repairs": replace(fakes.plan(), repairs=2),
+    "told": fakes.plan(tells=tuple(Tell), answer=AnswerForm.edit),
+    "models": fakes.plan(models=(("a", 1.0), ("b", 3.0))),
+    "bandit": fakes.plan(models=(("a", 1.0), ("b", 1.0)), choice=ModelChoice.bandit),
 }
 
 #: With the plan of `skipped`, which needs the room surrogate.
