@@ -1,4 +1,4 @@
-"""Promise: edits of the parent are applied exactly or the answer is rejected; the result goes through the whole gate."""
+"""Promise: edits are applied exactly or the answer is rejected; what comes of them goes through the whole gate."""
 
 import pytest
 
