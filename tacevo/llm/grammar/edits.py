@@ -5,7 +5,9 @@ from difflib import SequenceMatcher
 
 
 def edits(parent: str, child: str) -> str:
-    """Return edits that turn the lines of a parent, which is not blank, into those of a child; or a shorter child.
+    """Return edits that turn the lines of a parent, which is not blank, into those of a child.
+
+    Return the child itself where it is the parent again, or is shorter than its edits.
 
     The lines that an edit searches for are those that change, and as many around them as make them stand there once.
     """
@@ -21,7 +23,7 @@ def edits(parent: str, child: str) -> str:
         start = first + sum(longer for a, _, longer in changes if a < first)
         end = last + sum(longer for a, _, longer in changes if a <= last)
         written += _edit(old[first:last], new[start:end])
-    return written if len(written) < len(child) else child
+    return written if 0 < len(written) < len(child) else child
 
 
 def _alone(lines: Sequence[str], first: int, last: int) -> tuple[int, int]:

@@ -128,4 +128,4 @@ def test_edits_of_the_grammar_give_the_child(data: st.DataObject) -> None:
     rest = [f"rest {number}" for number in range(60)]
     parent, child = "\n".join([*old, *rest]), "\n".join([*new, *rest])
     written = edits(parent, f"{child}\n")
-    assert (patched(written, parent, "Net", cut_off=False) or written or parent) in {child, f"{child}\n"}
+    assert (patched(written, parent, "Net", cut_off=False) or written.rstrip("\n")) == child
