@@ -40,7 +40,6 @@ from tacevo.evolution.proposals import (
 )
 from tacevo.evolution.state import LedgerWriter, Observer, Plan, SearchState
 from tacevo.evolution.temperatures import clip
-from tacevo.evolution.told import note_of
 from tacevo.parts import Generation, Population, Trial
 from tacevo.records import Operator, Rejection, Task, Training, to_json
 from tacevo.rounding import rounded
@@ -138,6 +137,7 @@ def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchStat
     fitness = line.fitness
     if not isinstance(result, Training) or fitness is None:
         return state, line
+    telling, completion = outcome.proposal.telling, outcome.completion
     point = tuple(axis.describe(admitted.profile) for axis in plan.axes.values())
     newcomer = Individual(elite=Elite(name=line.id, objective=-fitness), point=point)
     networks, niche, status = state.networks.offer(plan.networks, newcomer)
@@ -152,7 +152,7 @@ def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchStat
         parents=line.parents,
         curiosities=Fraction(score),
         features={} if plan.skipping is None else plan.skipping.features(admitted.profile),
-        note=note_of(outcome.completion.text) if outcome.completion and outcome.proposal.asks_note else "",
+        note=telling.note_of(completion) if telling is not None and completion is not None else "",
     )
     candidates = _learned(state.candidates, outcome.proposal, child)
     measures = tuple(value for name, value in zip(plan.axes, point, strict=True) if name not in PAPER_AXES)

@@ -11,7 +11,6 @@ from typing import NamedTuple, Protocol
 from tacevo.errors import CacheMissError
 from tacevo.evolution.prompts import repair_request
 from tacevo.evolution.proposals import Proposal
-from tacevo.evolution.told import without_note
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Operator, Rejection, Request, Training
 
@@ -255,7 +254,7 @@ def _gate(slot: _Slot, completion: Completion | None, effects: Effects) -> Admit
     if completion is not None:
         messages = () if slot.request is None else slot.request.messages
         asked = "\n".join(message.content for message in messages if message.role == "user")
-        noteless = without_note(completion) if proposal.asks_note else completion
+        noteless = completion if proposal.telling is None else proposal.telling.without_note(completion)
         answer = noteless if proposal.edited is None else effects.edited(noteless, proposal.edited)
         return answer if isinstance(answer, Rejection) else effects.admit(answer, asked)
     if proposal.operator is Operator.baseline:

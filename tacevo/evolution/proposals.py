@@ -6,9 +6,10 @@ Pure: `plan_initial` and `plan_generation` turn the state of a search into propo
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from typing import Protocol
 
 from tacevo import parts
-from tacevo.choices import AnswerForm, ModelChoice, OperatorScope, SystemTurn, Tell
+from tacevo.choices import ModelChoice, OperatorScope, SystemTurn
 from tacevo.evolution.archive import Archive
 from tacevo.evolution.models import Gains, draw_models
 from tacevo.evolution.prompts import (
@@ -19,10 +20,9 @@ from tacevo.evolution.prompts import (
     sample_text,
 )
 from tacevo.evolution.temperatures import clip
-from tacevo.evolution.told import form_text, told_text, with_told
 from tacevo.parts import Parents, Population, Prompts
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import ChatMessage, Operator, Rejection, Request, Setting, Task
+from tacevo.records import ChatMessage, Completion, Operator, Rejection, Request, Setting, Task
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +59,32 @@ class Candidate:
         return replace(self, curiosities=self.curiosities + Fraction(curiosity), scores=self.scores + 1)
 
 
+class Telling(Protocol):
+    """Says what requests tell beside parents and instruction, and how they are answered (`tacevo.evolution.told`)."""
+
+    @property
+    def edits(self) -> bool:
+        """Whether an answer may be edits of the first parent."""
+
+    def message(
+        self,
+        text: str,
+        *,
+        parents: Sequence[parts.Candidate],
+        baseline: parts.Candidate | None,
+        candidates: Mapping[str, parts.Candidate],
+        rejections: Sequence[Rejection],
+        notes: Sequence[str],
+    ) -> str:
+        """Return the message of a mutation or a crossover with what it tells, and with the form of the answer."""
+
+    def note_of(self, completion: Completion) -> str:
+        """Return the note of an answer; empty where none is asked for, or written."""
+
+    def without_note(self, completion: Completion) -> Completion:
+        """Return an answer without its note."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
     """The settings of the plan, from the configuration."""
@@ -80,10 +106,9 @@ class Settings:
     operator_for: OperatorScope = OperatorScope.generation
     #: The size of the prompt pool P_g, from 1 to the task's instructions; None for all of them.
     pool: int | None = None
-    #: What a request tells beside parents and instruction, from generation 1 on.
-    tells: tuple[Tell, ...] = ()
-    #: The form of an answer, from generation 1 on.
-    answer: AnswerForm = AnswerForm.whole
+    #: What a request tells beside parents and instruction, and how it is answered, from generation 1 on; None where it
+    #: tells nothing, and asks for a whole class.
+    telling: Telling | None = None
     #: Several models with their weights > 0, of which each slot asks one in place of `model`; empty for that one alone.
     models: tuple[tuple[str, float], ...] = ()
     choice: ModelChoice = ModelChoice.weights
@@ -116,8 +141,8 @@ class Proposal:
     source: str = ""
     #: The network that the answer may be edits of, as the request has it; None where the answer is a whole class.
     edited: str | None = None
-    #: Whether the request asks for a note.
-    asks_note: bool = False
+    #: What the request tells, and how it is answered; None where that is nothing.
+    telling: Telling | None = None
 
     @property
     def id(self) -> str:
@@ -291,23 +316,21 @@ def _models(settings: Settings, generation: int, slots: Sequence[int], known: Kn
 
 def _telling(task: Task, settings: Settings, proposal: Proposal, population: Population, known: Known) -> Proposal:
     """Return a proposal whose request tells what the settings say, and asks for their form of an answer."""
-    edits, note = settings.answer is AnswerForm.edit, Tell.notes in settings.tells
-    if proposal.request is None or not (edits or settings.tells):
+    telling = settings.telling
+    if proposal.request is None or telling is None:
         return proposal
     candidates = population.candidates
     parents = [candidates[name] for name in proposal.parents]
-    told = told_text(
-        settings.tells,
+    (message,) = proposal.request.messages
+    system = f"{task.system}\n\n" if settings.system is SystemTurn.user else ""
+    text = telling.message(
+        message.content.removeprefix(system),
         parents=parents,
         baseline=candidates.get(_founder(task).id),
         candidates=candidates,
         rejections=known.rejections,
         notes=[one.note for one in parents if isinstance(one, Candidate)],
     )
-    form = form_text(edits=edits, note=note, parents=len(parents))
-    (message,) = proposal.request.messages
-    system = f"{task.system}\n\n" if settings.system is SystemTurn.user else ""
-    text = with_told(message.content.removeprefix(system), told=told, form=form)
     request = replace(proposal.request, messages=(replace(message, content=f"{system}{text}"),))
-    edited = parents[0].source.strip() if edits else None
-    return replace(proposal, request=request, edited=edited, asks_note=note)
+    edited = parents[0].source.strip() if telling.edits else None
+    return replace(proposal, request=request, edited=edited, telling=telling)

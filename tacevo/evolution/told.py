@@ -12,7 +12,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from tacevo import parts
 from tacevo.choices import Tell
@@ -65,6 +65,49 @@ _ASKS_NOTE = """\
 {end} the answer with one line that begins with NOTES: and says in at most 100 words what you changed, why, and what to
 try next. Who changes your network next is told it.
 """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Told:
+    """What requests tell, and how they are answered (`tacevo.evolution.proposals.Telling`)."""
+
+    #: What is told; each once, in the order of the enum.
+    tells: tuple[Tell, ...] = ()
+    #: Whether an answer may be edits of the first parent.
+    edits: bool = False
+
+    def message(
+        self,
+        text: str,
+        *,
+        parents: Sequence[parts.Candidate],
+        baseline: parts.Candidate | None,
+        candidates: Mapping[str, parts.Candidate],
+        rejections: Sequence[Rejection],
+        notes: Sequence[str],
+    ) -> str:
+        """Return the message of a mutation or a crossover with what it tells, and with the form of the answer.
+
+        Arguments are as of `told_text`.
+        """
+        told = told_text(
+            self.tells,
+            parents=parents,
+            baseline=baseline,
+            candidates=candidates,
+            rejections=rejections,
+            notes=notes,
+        )
+        form = form_text(edits=self.edits, note=Tell.notes in self.tells, parents=len(parents))
+        return with_told(text, told=told, form=form)
+
+    def note_of(self, completion: Completion) -> str:
+        """Return the note of an answer; empty where none is asked for, or written."""
+        return note_of(completion.text) if Tell.notes in self.tells else ""
+
+    def without_note(self, completion: Completion) -> Completion:
+        """Return an answer without its note."""
+        return without_note(completion) if Tell.notes in self.tells else completion
 
 
 def told_text(

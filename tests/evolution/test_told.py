@@ -10,12 +10,12 @@ from typing import Any
 import fakes
 import pytest
 
-from tacevo.choices import AnswerForm, SystemTurn, Tell
+from tacevo.choices import SystemTurn, Tell
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.prompts import mutation_text
 from tacevo.evolution.proposals import Candidate
 from tacevo.evolution.rejections import reason_in_words
-from tacevo.evolution.told import form_text, note_of, told_text, with_told, without_note, without_told
+from tacevo.evolution.told import Told, form_text, note_of, told_text, with_told, without_note, without_told
 from tacevo.records import Completion, Operator, Reason, Rejection, Request, Stage
 from tacevo.rounding import significant
 
@@ -68,7 +68,7 @@ def test_figures_are_those_of_parents_and_baseline() -> None:
 
 def test_each_tell_is_of_what_the_search_knew_then() -> None:
     """Every figure, reason and note of a request is of an earlier generation, and of its own parents."""
-    plan = fakes.plan(generations=5, tells=tuple(Tell))
+    plan = fakes.plan(generations=5, telling=Told(tells=tuple(Tell)))
     noted = NotingLLM()
     _, recorder = fakes.search(plan, llm=noted)
     known: dict[str, Candidate] = {}
@@ -97,7 +97,7 @@ def test_each_tell_is_of_what_the_search_knew_then() -> None:
 def test_search_that_tells_nothing_asks_as_ever() -> None:
     """The defaults are the requests of today, and so are those of generation 0 with every choice."""
     _, plain = fakes.search(fakes.plan())
-    _, telling = fakes.search(fakes.plan(tells=tuple(Tell), answer=AnswerForm.edit))
+    _, telling = fakes.search(fakes.plan(telling=Told(tells=tuple(Tell), edits=True)))
     asked, others = (
         [one.proposal.request for one in recorder.outcomes if one.proposal.request is not None]
         for recorder in (plain, telling)
@@ -108,10 +108,10 @@ def test_search_that_tells_nothing_asks_as_ever() -> None:
 
 
 @pytest.mark.parametrize("system", SystemTurn)
-@pytest.mark.parametrize("answer", AnswerForm)
-def test_what_is_told_can_be_taken_away_again(system: SystemTurn, answer: AnswerForm) -> None:
+@pytest.mark.parametrize("edits", [False, True])
+def test_what_is_told_can_be_taken_away_again(system: SystemTurn, edits: bool) -> None:
     """The message of a mutation or a crossover stands in it, word for word, behind a system prompt that is joined."""
-    plan = fakes.plan(tells=tuple(Tell), answer=answer, system=system)
+    plan = fakes.plan(telling=Told(tells=tuple(Tell), edits=edits), system=system)
     _, recorder = fakes.search(plan, llm=NotingLLM())
     sources = {outcome.proposal.id: outcome.admitted.source for outcome in recorder.outcomes if outcome.admitted}
     for outcome, text in requests(recorder):
@@ -267,7 +267,7 @@ def test_repair_of_an_edit_asks_for_the_parent_as_it_stands() -> None:
             asked.extend(requests)
             return super().complete(requests)
 
-    plan = replace(fakes.plan(answer=AnswerForm.edit, candidates=20), repairs=1)
+    plan = replace(fakes.plan(telling=Told(edits=True), candidates=20), repairs=1)
     applied: list[tuple[str, str]] = []
 
     def edited(completion: Completion, parent: str) -> Completion:
