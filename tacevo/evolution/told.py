@@ -164,7 +164,8 @@ def without_told(content: str) -> str:
 
 def asks_edits(content: str) -> bool:
     """Return whether a message lets its answer be edits."""
-    return "<<<<<<< SEARCH" in content.rpartition(f"\n{_FORM}")[2]
+    _, form, words = content.rpartition(f"\n{_FORM}")
+    return bool(form) and "<<<<<<< SEARCH" in words
 
 
 def asks_note(content: str) -> bool:
