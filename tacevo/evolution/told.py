@@ -44,8 +44,8 @@ _WORDS, _CHARACTERS = 100, 800
 #: The beginning of the note at the end of an answer; models like to write such words in bold.
 _NOTE = re.compile(r"^[ \t]{0,3}[*_]{0,2}NOTES:[*_]{0,2}", re.MULTILINE)
 
-#: The lines that cannot stand in a note: fences, and the marks of edits.
-_CODE = re.compile(r"^[ \t]*(?:`{3}|~{3}|<{7}|={7}|>{7})", re.MULTILINE)
+#: The lines that cannot stand in a note: fences, the marks of edits, classes and what is indented as in one.
+_CODE = re.compile(r"^(?:[ \t]*(?:`{3}|~{3}|<{7}|={7}|>{7})|class[ \t]+\w|(?: {4}|\t)[ \t]*\S)", re.MULTILINE)
 
 _EDITS = """\
 in place of the whole class that the rules above ask for, answer with edits of the {parent}. Each edit is

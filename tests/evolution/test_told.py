@@ -197,6 +197,7 @@ def test_note_is_one_quoted_line(answer: str) -> None:
         ("```python\nx\n```\nNOTES: wider\n", "```python\nx\n```\n"),
         ("NOTES: first\n```python\nx\n```\n", None),  # code behind it: no note, which stands at the end
         ("```python\n'''\nNOTES: in the code\n'''\n```\n", None),
+        ('"""\nNOTES: in the code\n"""\nclass Net:\n    x = 1\n', None),  # without fences
         (">>>>>>> REPLACE\nNOTES: wider", ">>>>>>> REPLACE\n"),
         ("no notes at all", None),
     ],
