@@ -113,6 +113,33 @@ class Thinking(StrEnum):
     disabled = "disabled"
 
 
+class Tell(StrEnum):
+    """What a request tells the model beside its parents and its instruction, in the order in which it stands there."""
+
+    #: The fitness, parameters and FLOPs of the parents and of the baseline.
+    fitness = "fitness"
+    #: The reasons for which the gate rejected candidates of the last generation.
+    failures = "failures"
+    #: The three best networks so far.
+    best = "best"
+    #: The notes that the model wrote at the end of the answers that became the parents.
+    notes = "notes"
+
+
+class AnswerForm(StrEnum):
+    """The form of an answer: the `whole` class, or an `edit` of the parent, by search and replace."""
+
+    whole = "whole"
+    edit = "edit"
+
+
+class ModelChoice(StrEnum):
+    """The choice of a slot's model among several: by fixed `weights`, or a `bandit` that learns from the children."""
+
+    weights = "weights"
+    bandit = "bandit"
+
+
 #: Sampling settings that reach a request only where they are set, in the order of their names.
 OPTIONAL_SAMPLING = ("effort", "stop_sequences", "thinking", "thinking_tokens", "top_k", "top_p")
 

@@ -104,6 +104,8 @@ class Reason(StrEnum):
     no_class = "no_class"
     ambiguous = "ambiguous"
     syntax = "syntax"
+    #: The edits of an answer cannot be applied to the parent.
+    misfit_edit = "misfit_edit"
     # policy: what the syntax tree shows
     forbidden_import = "forbidden_import"
     forbidden_name = "forbidden_name"

@@ -22,6 +22,7 @@ from analysis.tables.dynamics import (
     generations_table,
     improvement_table,
     lineage_table,
+    models_table,
     prompts_table,
     temperatures_table,
 )
@@ -38,8 +39,8 @@ from tacevo.text import listed
 
 #: The tables of a run by name, in the order in which an index lists them; of other names, they follow in their own.
 _ORDER = (
-    *("improvement", "generations", "gate", "prompts", "instruction_effects", "pareto", "temperatures", "costs"),
-    *("health", "niches", "lineage"),
+    *("improvement", "generations", "gate", "prompts", "instruction_effects", "pareto", "temperatures", "models"),
+    *("costs", "health", "niches", "lineage"),
 )
 
 #: What would have other numbers without re-estimates that were made.
@@ -312,6 +313,8 @@ def tables_of(
     tables = [] if collection.unread else [improvement_table(run, collection.reestimates)]
     tables += [generations_table(run, collection.niches.networks), gate_table(run), prompts_table(run)]
     tables += [temperatures_table(run), costs_table(run), niches_table(run, collection.niches)]
+    if run.config.llm.models is not None:
+        tables.append(models_table(run))
     if run.elites:
         tables.append(lineage_table(run, run.ranked()[0].id))
     tables += known.tables(collection, profiles, say)

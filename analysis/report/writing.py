@@ -44,6 +44,7 @@ FURTHER = {
     "lineage": "How did the best network come about?",
     "metrics": "What are all test metrics of every network?",
     "motifs": "Which structures do good networks have in common?",
+    "models": "What came of the answers of each model?",
     "niches": "How full are the niches?",
     "outputs": "How good is each output of the networks?",
     "instruction_effects": "What did each instruction do to the loss, and did the search ask for it more often?",

@@ -17,6 +17,7 @@ from tacevo.costs import Spending, total
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.carriers import part_of
 from tacevo.evolution.lines import CandidateLine, trained_networks, training_flops
+from tacevo.evolution.models import gain_of
 from tacevo.records import Operator, Stage
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import DIGITS
@@ -59,6 +60,13 @@ GENERATIONS = (
 #: where nothing was tried.
 PRODUCTIVITY = {"name": "str"} | dict.fromkeys(("tried", "trained", "inserted"), "int64")
 PRODUCTIVITY |= dict.fromkeys(("rate", "rate_low", "rate_high"), "float64")
+
+#: The columns of a frame of models, and the type of each: as those of `PRODUCTIVITY`, but of all slots that the model
+#: was asked for; those that trained; the mean gain of all (`tacevo.evolution.models.gain_of`), by which a bandit
+#: chooses; what its answers cost, missing unless known of each.
+MODELS = (
+    PRODUCTIVITY | {"gain": "float64"} | dict.fromkeys(("input_tokens", "output_tokens"), "Int64") | {"usd": "float64"}
+)
 
 
 def progress(run: RecordedRun) -> pd.DataFrame:
@@ -105,6 +113,21 @@ def by_prompt(run: RecordedRun) -> pd.DataFrame:
         (name, [candidate for candidate in asked if candidate.prompt == index])
         for index, name in enumerate(run.instructions)
     )
+
+
+def by_model(run: RecordedRun) -> pd.DataFrame:
+    """Return a row for each model of a search with several (`MODELS`), asked or not, in the user's order."""
+    of = {name: [line for line in run.answered if line.model == name] for name in run.config.llm.names}
+    rows = []
+    for row, slots in zip(_productivity(of.items()).to_dict("records"), of.values(), strict=True):
+        kept = [line for line in slots if not line.skipped]
+        gains = [
+            gain_of(line.fitness, (run.fitness[name] for name in line.parents or (run.baseline.id,))) for line in kept
+        ]
+        costs = _costs(spending(run, slots))
+        mean = math.fsum(gains) / len(gains) if gains else None
+        rows.append({**row, "gain": mean, **{key: costs.get(key) for key in ("input_tokens", "output_tokens", "usd")}})
+    return pd.DataFrame(rows, columns=list(MODELS)).astype(MODELS)
 
 
 def by_temperature(run: RecordedRun) -> pd.DataFrame:

@@ -11,6 +11,7 @@ from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import (
     MOST,
     PUBLISHED_GENERATIONS,
+    by_model,
     by_prompt,
     by_temperature,
     improvement,
@@ -132,6 +133,25 @@ def temperatures_table(run: RecordedRun) -> Table:
             "bands may be one between early and late generations, whose archives are filled differently."
         )
     return replace(table, notes=(*table.notes, *notes, *carrier_notes([run]), *grammar_note([run])))
+
+
+def models_table(run: RecordedRun) -> Table:
+    """Show what came of the answers of each model, in a search with several."""
+    return Table.of(
+        by_model(run),
+        {"model": "name", "asked": "tried", "trained": "trained", "inserted": "inserted"}
+        | {"inserted / asked": (Interval, "rate", "rate_low", "rate_high")}
+        | {"mean gain": "gain", "input tokens": "input_tokens", "output tokens": "output_tokens", "USD": "usd"},
+        name="models",
+        caption=f"What came of the answers of each model of {run.name}.",
+        notes=(
+            f"Of all generations. Chosen by llm.choice={run.config.llm.choice}. Inserted: the archive took the child; "
+            f"Wilson intervals at {100 * LEVEL:g} %.",
+            "Gain: the logarithm by which a child's loss is below that of its better parent, at most 1; 0 where it is "
+            "not below, or where the child did not train.",
+            "Tokens and dollars are those of when the answers were recorded; a cell is empty where one is not known.",
+        ),
+    )
 
 
 def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ()) -> Table:

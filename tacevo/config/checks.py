@@ -10,11 +10,13 @@ from urllib.parse import urlsplit
 from tacevo.choices import (
     OPTIONAL_SAMPLING,
     PAPER_AXES,
+    AnswerForm,
     BoundsRule,
     Carrier,
     Confinement,
     Device,
     Effort,
+    ModelChoice,
     Numerics,
     OperatorScope,
     Scale,
@@ -146,6 +148,16 @@ def _check_llm(llm: LLMConfig) -> None:
     _check_that(asked or llm.label is None, "llm.label", f"null for llm={llm.provider}", llm.label)
     closed = None if llm.space is None else to_json(llm.space)
     _check_that(not asked or closed is None, "llm.space", f"null for llm={llm.provider}, which no space binds", closed)
+    several = llm.models
+    _check_that(bool(llm.model) or several is not None, "llm.model", "a model's name", llm.model)
+    distinct = several is None or (len(several) > 1 and _distinct(llm.names))
+    _check_that(distinct, "llm.models", "two models or more, each once; llm.model names a single one", several)
+    alone = several is None or llm.label is None
+    _check_that(alone, "llm.label", "null with llm.models, whose names are recorded as they are", llm.label)
+    learns = several is not None or llm.choice is ModelChoice.weights
+    _check_that(learns, "llm.choice", "weights without llm.models", llm.choice)
+    even = several is None or llm.choice is ModelChoice.weights or len({weight for _, weight in several}) == 1
+    _check_that(even, "llm.models", "names without weights with llm.choice=bandit, which needs none", several)
     is_usual = llm.system is SystemTurn.system
     _check_that(asked or is_usual, "llm.system", f"system for llm={llm.provider}", llm.system)
     kept = llm.budget_usd is None or llm.mode is not Mode.live
@@ -239,9 +251,14 @@ def _check_proposals(config: RunConfig) -> None:
 def _check_parents(config: RunConfig) -> None:
     """Check what the controls need: a provider that draws networks, and niches whose elites are counted."""
     parents, provider, kind = config.proposals.parents, config.llm.provider, config.archive.kind
-    draws = constant(config, PARENTS, "has_parents") or not config.llm.facts.is_model
+    has_parents = constant(config, PARENTS, "has_parents")
+    draws = has_parents or not config.llm.facts.is_model
     why = "which cannot draw a network at random: llm=grammar can"
     _check_that(draws, "proposals.parents", f"another one with llm={provider}, {why}", parents)
+    why = f"with proposals.parents={parents}, whose requests have no parent"
+    _check_that(has_parents or not config.prompts.tells, "prompts.tells", f"[] {why}", config.prompts.tells)
+    whole = has_parents or config.prompts.answer is AnswerForm.whole
+    _check_that(whole, "prompts.answer", f"whole {why}", config.prompts.answer)
     counts = not constant(config, PARENTS, "counts_elites") or constant(config, ARCHIVES, "has_niches")
     why = "which has no niches to count elites in"
     _check_that(counts, "proposals.parents", f"another one with archive.kind={kind}, {why}", parents)

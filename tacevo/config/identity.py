@@ -47,7 +47,7 @@ def task_hash(task: Task) -> str:
 
 def llm_identity(llm: LLMConfig) -> dict[str, Json]:
     """Return the settings of a model that decide its answers; those that came later only where they are set."""
-    named = ("provider", "model", "max_tokens", "slip_rate", "system", "space", *OPTIONAL_SAMPLING)
+    named = ("provider", "model", "max_tokens", "slip_rate", "system", "space", "models", "choice", *OPTIONAL_SAMPLING)
     provider = llm.provider.rpartition("/")[2]  # of one in a file, no path is recorded
     asked = written(replace(llm, model=llm.name, provider=provider))
     return {name: value for name, value in asked.items() if name in named}

@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from tacevo.choices import (
     PAPER_AXES,
+    AnswerForm,
     BoundsRule,
     Carrier,
     Confinement,
@@ -24,6 +25,7 @@ from tacevo.choices import (
     GratingClasses,
     Layout,
     LightScene,
+    ModelChoice,
     Normalisation,
     Numerics,
     OperatorScope,
@@ -32,6 +34,7 @@ from tacevo.choices import (
     SplitRule,
     SystemTurn,
     TargetScaling,
+    Tell,
     Thinking,
 )
 from tacevo.errors import ConfigError
@@ -87,6 +90,23 @@ Identifier = Annotated[str, is_a("a name that Python allows", str.isidentifier)]
 #: A number may be written without quotes.
 Column = Annotated[Text, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 Pattern = Annotated[str, is_a("a regular expression, in quotes", _is_pattern)]
+
+
+def _weighed(value: Any) -> Any:
+    """Read several models: a list of names, which weigh alike, or a mapping of names to weights."""
+    if isinstance(value, Mapping):
+        value = list(value.items())
+    if not isinstance(value, list | tuple):
+        return value
+    return tuple((each, 1.0) if isinstance(each, str) else tuple(each) for each in value)
+
+
+#: The name of a model, which is no place of this machine.
+ModelName = Annotated[Text, is_a("a model's name, not a path", lambda value: not names_place(value))]
+#: Models with their weights, in the order in which a user names them.
+WeighedModels = Annotated[tuple[tuple[ModelName, Positive], ...], BeforeValidator(_weighed)]
+#: Choices, each once, in the order of their enum.
+Tells = Annotated[tuple[Tell, ...], AfterValidator(lambda value: tuple(each for each in Tell if each in value))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,7 +245,7 @@ class LLMConfig(Record):
     """The model that answers the requests, and how the answers are recorded."""
 
     provider: Text  #: who answers
-    model: Annotated[str, is_a("a model's name", bool)]  #: its name
+    model: str  #: its name; with `models` it may be empty
     mode: Mode  #: record, or replay from the store alone
     max_tokens: AtLeast1  #: of an answer
     #: Another server than the provider's own.
@@ -259,8 +279,11 @@ class LLMConfig(Record):
     thinking: Annotated[
         int | str | None, UNTYPED, is_a("adaptive, disabled, a number of tokens of at least 1, or null", _is_thinking)
     ] = None
+    #: Several models, of which each slot asks one: [a,b], or with weights {a: 1, b: 3}; null for `llm.model` alone.
+    models: WeighedModels | None = None
+    choice: ModelChoice = ModelChoice.weights  #: with `models`: by their weights, or a bandit on the children's gain
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"system", "label", "space", "effort", "thinking"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"system", "label", "space", "effort", "thinking", "models", "choice"})
 
     @property
     def facts(self) -> ProviderFacts:
@@ -274,8 +297,13 @@ class LLMConfig(Record):
 
     @property
     def name(self) -> str:
-        """The name of the model in requests and records: its label, if it has one."""
-        return self.label or self.model
+        """The name of the model in requests and records: its label, if it has one; of several models, all names."""
+        return self.label or self.model if self.models is None else ", ".join(self.names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the models in requests and records, in the order in which the user names them."""
+        return (self.label or self.model,) if self.models is None else tuple(name for name, _ in self.models)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,6 +330,11 @@ class PromptsConfig(Record):
     policy: Part  #: how an instruction is drawn
     #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
     pool: OneToMillion | None = None
+    #: What a request tells beside parents and instruction: fitness, failures, best, notes; [] for nothing.
+    tells: Tells = ()
+    answer: AnswerForm = AnswerForm.whole  #: whole: the class; edit: search and replace in the (first) parent
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"tells", "answer"})
 
     def check_library(self, instructions: int) -> None:
         """Refuse a pool that is larger than the task's library of so many instructions."""

@@ -29,6 +29,7 @@ from tacevo.evolution.lines import (
     source_hash,
     with_result,
 )
+from tacevo.evolution.models import Gains, gain_of
 from tacevo.evolution.prompts import FAILED, curiosity
 from tacevo.evolution.proposals import (
     Candidate,
@@ -113,13 +114,14 @@ def propose(state: SearchState, plan: Plan) -> tuple[Proposal, ...]:
         ),
         prompts=state.prompts,
         temperature=state.temperature,
+        known=state.known,
     )
 
 
 def fold(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
     """Commit one outcome to the state; return the state and its ledger line."""
     after, line = commit(state, plan, outcome)
-    return _with_effect(after, plan, line), line
+    return _with_gain(_with_rejection(_with_effect(after, plan, line), outcome), line), line
 
 
 def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
@@ -135,6 +137,7 @@ def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchStat
     fitness = line.fitness
     if not isinstance(result, Training) or fitness is None:
         return state, line
+    telling, completion = outcome.proposal.telling, outcome.completion
     point = tuple(axis.describe(admitted.profile) for axis in plan.axes.values())
     newcomer = Individual(elite=Elite(name=line.id, objective=-fitness), point=point)
     networks, niche, status = state.networks.offer(plan.networks, newcomer)
@@ -149,6 +152,7 @@ def commit(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchStat
         parents=line.parents,
         curiosities=Fraction(score),
         features={} if plan.skipping is None else plan.skipping.features(admitted.profile),
+        note=telling.note_of(completion) if telling is not None and completion is not None else "",
     )
     candidates = _learned(state.candidates, outcome.proposal, child)
     measures = tuple(value for name, value in zip(plan.axes, point, strict=True) if name not in PAPER_AXES)
@@ -226,6 +230,24 @@ def _with_effect(state: SearchState, plan: Plan, line: CandidateLine) -> SearchS
     return replace(state, prompts=state.prompts.learning(line.prompt, change))
 
 
+def _with_rejection(state: SearchState, outcome: Outcome) -> SearchState:
+    """Remember why a candidate was rejected, and forget the reasons of earlier generations."""
+    generation = outcome.proposal.generation
+    kept = tuple(one for one in state.rejections if one[0] == generation)
+    new = ((generation, outcome.result),) if isinstance(outcome.result, Rejection) else ()
+    return replace(state, rejections=(*kept, *new))
+
+
+def _with_gain(state: SearchState, line: CandidateLine) -> SearchState:
+    """Learn what came of a model's answer, in a search with several models; nothing comes of a skipped one."""
+    if line.model is None or line.skipped:
+        return state
+    parents = line.parents or (next(iter(state.candidates)),)  # of a sample, the baseline
+    gain = gain_of(line.fitness, (state.candidates[name].fitness for name in parents))
+    gains = state.gains.get(line.model, Gains()).adding(gain)
+    return replace(state, gains={**state.gains, line.model: gains})
+
+
 def _learned(
     candidates: PersistentMap[str, Candidate], proposal: Proposal, child: Candidate
 ) -> PersistentMap[str, Candidate]:
@@ -254,6 +276,7 @@ def _candidate_line(outcome: Outcome, plan: Plan) -> CandidateLine:
         carrier=Carrier.parameter if carried is None else plan.settings.carrier,
         level=None if carried is None else carried.level,
         effort=None if carried is None else carried.effort,
+        model=proposal.request.model if proposal.request is not None and plan.settings.models else None,
         answer=None if completion is None else content_hash(completion.content()),
         dropped=() if completion is None or not plan.names_dropped else completion.dropped,
         skipped=outcome.result is None,

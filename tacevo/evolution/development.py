@@ -50,6 +50,9 @@ class Effects:
     executor: Executor
     #: The processor time, in seconds, of all candidates that the calling thread has waited for; it only grows.
     cpu_seconds: Callable[[], float]
+    #: Applies the edits of an answer to the network that it may be edits of; what comes is for `admit`. Without it, no
+    #: answer is edits.
+    edited: Callable[[Completion, str], Completion | Rejection] = lambda completion, _: completion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,7 +155,7 @@ def _sent_back(judged: Mapping[int, "_Slot"]) -> dict[int, "_Slot"]:
     for index, slot in judged.items():
         if slot.request is None or slot.completion is None or not isinstance(slot.gated, Rejection):
             continue
-        repair = repair_request(slot.request, slot.completion.text, slot.gated)
+        repair = repair_request(slot.request, slot.completion.text, slot.gated, edits=slot.proposal.edited is not None)
         if repair is not None:
             attempt = Attempt(completion=slot.completion, rejection=slot.gated)
             again[index] = replace(slot, request=repair, attempts=(*slot.attempts, attempt))
@@ -250,7 +253,10 @@ def _gate(slot: _Slot, completion: Completion | None, effects: Effects) -> Admit
     proposal = slot.proposal
     if completion is not None:
         messages = () if slot.request is None else slot.request.messages
-        return effects.admit(completion, "\n".join(message.content for message in messages if message.role == "user"))
+        asked = "\n".join(message.content for message in messages if message.role == "user")
+        noteless = completion if proposal.telling is None else proposal.telling.without_note(completion)
+        answer = noteless if proposal.edited is None else effects.edited(noteless, proposal.edited)
+        return answer if isinstance(answer, Rejection) else effects.admit(answer, asked)
     if proposal.operator is Operator.baseline:
         return effects.inspect(proposal.source)
     return effects.measure(proposal.source)

@@ -97,6 +97,8 @@ class CandidateLine(Record):
     measures: tuple[float, ...] = ()
     #: Whether a surrogate judged it among the worst, so that it was not trained.
     skipped: bool = False
+    #: The model that was asked, in a search with several; None in all others, and where no model was asked.
+    model: str | None = None
     #: The candidate's niche, and what the archives did with it; None of a candidate that was rejected or skipped.
     niche: int | None = None
     status: AddStatus | None = None
@@ -105,7 +107,7 @@ class CandidateLine(Record):
     prompt_status: AddStatus | None = None
     kind: Literal["candidate"] = "candidate"
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"skipped", "measures", "carrier", "level", "effort"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"skipped", "measures", "carrier", "level", "effort", "model"})
 
     @property
     def sent_temperature(self) -> float | None:

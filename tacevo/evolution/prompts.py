@@ -141,27 +141,34 @@ def sample_text(example: str) -> str:
     return f"Example, for its interface alone:\n\n{_fenced(example)}\n\nInstruction: {SAMPLING}\n"
 
 
-def repair_request(request: Request, answer: str, rejection: Rejection) -> Request | None:
+def repair_request(request: Request, answer: str, rejection: Rejection, *, edits: bool = False) -> Request | None:
     """Ask for a corrected answer: the conversation so far, and why the gate rejected its last answer.
+
+    `edits` is whether an answer may be edits of the parent.
 
     Temperature and draw number are those of the first request; the longer conversation makes it another request.
     Return None if nothing can be corrected: no answer, a refusal, or one too long to send back.
     """
     if rejection.reason in _NOT_REPAIRED or not answer.strip():
         return None
-    turns = (ChatMessage(role="assistant", content=answer), ChatMessage(role="user", content=repair_text(rejection)))
+    turns = (
+        ChatMessage(role="assistant", content=answer),
+        ChatMessage(role="user", content=repair_text(rejection, edits=edits)),
+    )
     return replace(request, messages=(*request.messages, *turns))
 
 
-def repair_text(rejection: Rejection) -> str:
+def repair_text(rejection: Rejection, *, edits: bool = False) -> str:
     """Write the user message that sends an answer back.
 
     It is part of the request's key: another wording, here or of the gate's `detail`, asks a model again.
     """
+    again = "answer with the whole class again"
+    if edits:
+        again = "answer again in full: with all edits of the parent network as it stands above, or with the whole class"
     return (
         f"This answer cannot be used. It failed at the stage '{rejection.stage}' for the reason '{rejection.reason}': "
-        f"{rejection.detail}\n\nCorrect this fault, keep the rest of your design, and answer with the whole class "
-        "again.\n"
+        f"{rejection.detail}\n\nCorrect this fault, keep the rest of your design, and {again}.\n"
     )
 
 

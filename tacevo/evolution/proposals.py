@@ -6,11 +6,13 @@ Pure: `plan_initial` and `plan_generation` turn the state of a search into propo
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from typing import Protocol
 
 from tacevo import parts
-from tacevo.choices import Carrier, Effort, OperatorScope, SystemTurn
+from tacevo.choices import Carrier, Effort, ModelChoice, OperatorScope, SystemTurn
 from tacevo.evolution.archive import Archive
 from tacevo.evolution.carriers import Carried, carry
+from tacevo.evolution.models import Gains, draw_models
 from tacevo.evolution.prompts import (
     PromptArchive,
     crossover_text,
@@ -21,7 +23,7 @@ from tacevo.evolution.prompts import (
 from tacevo.evolution.temperatures import clip
 from tacevo.parts import Parents, Population, Prompts
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import ChatMessage, Operator, Request, Setting, Task
+from tacevo.records import ChatMessage, Completion, Operator, Rejection, Request, Setting, Task
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +47,8 @@ class Candidate:
     #: The features of the candidate that the surrogate sees (`tacevo.evolution.surrogate`); empty in a search without
     #: one.
     features: Mapping[str, float] = field(default_factory=dict)
+    #: The note of the answer that it came of (`tacevo.evolution.told.note_of`); empty where none was asked or written.
+    note: str = ""
 
     @property
     def curiosity(self) -> float:
@@ -54,6 +58,32 @@ class Candidate:
     def with_child(self, curiosity: float) -> "Candidate":
         """Return the candidate with the curiosity of one more mutation child."""
         return replace(self, curiosities=self.curiosities + Fraction(curiosity), scores=self.scores + 1)
+
+
+class Telling(Protocol):
+    """Says what requests tell beside parents and instruction, and how they are answered (`tacevo.evolution.told`)."""
+
+    @property
+    def edits(self) -> bool:
+        """Whether an answer may be edits of the first parent."""
+
+    def message(
+        self,
+        text: str,
+        *,
+        parents: Sequence[parts.Candidate],
+        baseline: parts.Candidate | None,
+        candidates: Mapping[str, parts.Candidate],
+        rejections: Sequence[Rejection],
+        notes: Sequence[str],
+    ) -> str:
+        """Return the message of a mutation or a crossover with what it tells, and with the form of the answer."""
+
+    def note_of(self, completion: Completion) -> str:
+        """Return the note of an answer; empty where none is asked for, or written."""
+
+    def without_note(self, completion: Completion) -> Completion:
+        """Return an answer without its note."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,6 +112,22 @@ class Settings:
     pool: int | None = None
     #: The number of slots in a row that ask the same question, each for an answer of its own; at least 1.
     answers: int = 1
+    #: What a request tells beside parents and instruction, and how it is answered, from generation 1 on; None where it
+    #: tells nothing, and asks for a whole class.
+    telling: Telling | None = None
+    #: Several models with their weights > 0, of which each slot asks one in place of `model`; empty for that one alone.
+    models: tuple[tuple[str, float], ...] = ()
+    choice: ModelChoice = ModelChoice.weights
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """What earlier generations know, beside the networks and the prompts."""
+
+    #: What became of the candidates of the last generation that the gate or the training rejected, in slot order.
+    rejections: tuple[Rejection, ...] = ()
+    #: What came of the answers of each model that was asked, by its name.
+    gains: Mapping[str, Gains] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,6 +147,10 @@ class Proposal:
     source: str = ""
     #: The temperature of the request, and what the request holds of it; None without a request.
     carried: Carried | None = None
+    #: The network that the answer may be edits of, as the request has it; None where the answer is a whole class.
+    edited: str | None = None
+    #: What the request tells, and how it is answered; None where that is nothing.
+    telling: Telling | None = None
 
     @property
     def id(self) -> str:
@@ -119,8 +169,16 @@ def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature:
         sources = [given.source for given in task.given]
         return (baseline, *(_without_request(slot, Operator.given, source) for slot, source in enumerate(sources, 1)))
     library = tuple(range(len(task.instructions)))
+    models = _models(settings, 0, range(1, mutations + 1), Known())
     slots = [
-        _Slot(generation=0, number=number, question=number, temperature=temperature, prompts=library)
+        _Slot(
+            generation=0,
+            number=number,
+            question=number,
+            temperature=temperature,
+            prompts=library,
+            model=models[number - 1],
+        )
         for number in range(1, mutations + 1)
     ]
     return (baseline, *(_mutation(task, settings, slot, [_founder(task)], PromptArchive()) for slot in slots))
@@ -133,6 +191,7 @@ def plan_generation(
     population: Population,
     prompts: PromptArchive,
     temperature: float,
+    known: Known | None = None,
 ) -> tuple[Proposal, ...]:
     """Plan one generation (paper, Algorithm 1, lines 2 to 4).
 
@@ -144,8 +203,10 @@ def plan_generation(
 
     The generation is that of the population, the temperature T_g; the proposals are in the order of their slots.
     """
-    generation = population.generation
+    generation, known = population.generation, known or Known()
     pool = draw_pool(len(task.instructions), settings.pool, stream(settings.seed, "pool", generation))
+    numbers = range(settings.candidates)
+    models = _models(settings, generation, numbers, known)
     slots = [
         _Slot(
             generation=generation,
@@ -153,18 +214,20 @@ def plan_generation(
             question=number // settings.answers,
             temperature=temperature,
             prompts=pool,
+            model=model,
         )
-        for number in range(settings.candidates)
+        for number, model in zip(numbers, models, strict=True)
     ]
     if not settings.parents.has_parents:
         return tuple(_sample(task, settings, slot) for slot in slots)
     parents = settings.parents.pool(population) or [_founder(task)]
-    return tuple(
+    proposals = (
         _mutation(task, settings, slot, parents, prompts)
         if len(parents) < 2 or _mutates(settings, slot)
         else _crossover(task, settings, slot, parents)
         for slot in slots
     )
+    return tuple(_telling(task, settings, one, population, known) for one in proposals)
 
 
 def elites_of(candidates: Mapping[str, Candidate], archive: Archive) -> tuple[Candidate, ...]:
@@ -184,6 +247,8 @@ class _Slot:
     temperature: float
     #: Indices of the instructions that it may draw: P_g.
     prompts: tuple[int, ...]
+    #: The model that is asked.
+    model: str
 
 
 def _without_request(slot: int, operator: Operator, source: str) -> Proposal:
@@ -256,7 +321,7 @@ def _asking(
     joined = settings.system is SystemTurn.user
     effort: tuple[tuple[str, Setting], ...] = () if carried.effort is None else (("effort", carried.effort.value),)
     request = Request(
-        model=settings.model,
+        model=slot.model,
         system="" if joined else task.system,
         messages=(ChatMessage(role="user", content=f"{task.system}\n\n{text}" if joined else text),),
         temperature=carried.parameter,
@@ -280,3 +345,34 @@ def _carried(settings: Settings, slot: _Slot, sentences: Sequence[str]) -> Carri
     rng = stream(settings.seed, "temperature", slot.generation, slot.question)
     temperature = clip(slot.temperature + rng.uniform(-settings.jitter, settings.jitter))
     return carry(temperature, by=settings.carrier, sentences=sentences, efforts=settings.efforts)
+
+
+def _models(settings: Settings, generation: int, slots: Sequence[int], known: Known) -> list[str]:
+    """Return the model that each slot asks."""
+    if not settings.models:
+        return [settings.model] * len(slots)
+    return draw_models(
+        settings.models, settings.choice, known.gains, seed=settings.seed, generation=generation, slots=slots
+    )
+
+
+def _telling(task: Task, settings: Settings, proposal: Proposal, population: Population, known: Known) -> Proposal:
+    """Return a proposal whose request tells what the settings say, and asks for their form of an answer."""
+    telling = settings.telling
+    if proposal.request is None or telling is None:
+        return proposal
+    candidates = population.candidates
+    parents = [candidates[name] for name in proposal.parents]
+    (message,) = proposal.request.messages
+    system = f"{task.system}\n\n" if settings.system is SystemTurn.user else ""
+    text = telling.message(
+        message.content.removeprefix(system),
+        parents=parents,
+        baseline=candidates.get(_founder(task).id),
+        candidates=candidates,
+        rejections=known.rejections,
+        notes=[one.note for one in parents if isinstance(one, Candidate)],
+    )
+    request = replace(proposal.request, messages=(replace(message, content=f"{system}{text}"),))
+    edited = parents[0].source.strip() if telling.edits else None
+    return replace(proposal, request=request, edited=edited, telling=telling)

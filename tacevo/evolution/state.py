@@ -9,11 +9,12 @@ from tacevo.evolution.archive import NetworkArchive, PersistentMap, Tessellation
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.fitness import Last
 from tacevo.evolution.lines import SearchLine, training_flops
+from tacevo.evolution.models import Gains
 from tacevo.evolution.prompts import PromptArchive
-from tacevo.evolution.proposals import Candidate, Settings
+from tacevo.evolution.proposals import Candidate, Known, Settings
 from tacevo.parts import Descriptor, Fitness, Temperature
 from tacevo.profile import Admitted, Profile
-from tacevo.records import Task
+from tacevo.records import Rejection, Task
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +84,17 @@ class SearchState:
     candidates: PersistentMap[str, Candidate] = field(default_factory=PersistentMap)
     #: f*: the best fitness of the network archive.
     best: float = math.inf
+    #: What became of the candidates of the generation under way, or else of the last one, that were rejected, each with
+    #: the number of its generation.
+    rejections: tuple[tuple[int, Rejection], ...] = ()
+    #: What came of the answers of each model, by its name; empty where a search asks one model.
+    gains: Mapping[str, Gains] = field(default_factory=dict)
+
+    @property
+    def known(self) -> Known:
+        """What the next generation's requests may follow from, beside networks and prompts."""
+        last = self.generation - 1
+        return Known(rejections=tuple(one for number, one in self.rejections if number == last), gains=self.gains)
 
     def is_past(self, plan: Plan) -> bool:
         """Return whether the search is at its end: after generation G, or after the one that spent its budget."""

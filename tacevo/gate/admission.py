@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.choices import Numerics
-from tacevo.gate.extraction import extract, extracted, first_look
+from tacevo.gate.extraction import edited, extract, extracted, first_look
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy.check import rejection_of
 from tacevo.profile import Admitted, Profile
@@ -117,6 +117,17 @@ class Gate:
             again: dict[str, Json] = {**request, "own": False}
             source = recall_verdict(self.answers, again, str, "source", lambda: self._extract(completion, asked))
         return source if isinstance(source, Rejection) else self.measure(source)
+
+    def edited(self, completion: Completion, parent: str) -> Completion | Rejection:
+        """Return an answer that is a parent after the edits that an answer has; the answer itself where it has none.
+
+        What comes is for `admit`, which judges it as any other answer. Nothing is stored: it takes no parser.
+
+        Args:
+            completion: the answer.
+            parent: the network that it may be edits of, as the model was given it.
+        """
+        return first_look(completion, limit=self.source_bytes) or edited(completion, parent, self.contract.class_name)
 
     def notes(self, completion: Completion, asked: str = "") -> tuple[str, ...]:
         """Say what of an answer was changed, so that the policy could let it pass; empty where nothing was.

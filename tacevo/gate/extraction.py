@@ -19,12 +19,14 @@ The rules, in order:
 8. A text that binds the class's name twice is ambiguous, because Python would silently keep the last.
 9. An answer that was cut off counts only if something after its last class statement shows that the class was finished.
 10. An answer of more than 100 blocks, or one that takes more than 1,000,000 characters of parsing, is too complex.
+
+Where an answer may be edits of a network that the model was given, `tacevo.gate.patches` comes first.
 """
 
 import ast
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tacevo.gate.blocks import BlockParser, CodeBlock, TooComplexError, blocks_of, trimmed
 from tacevo.gate.fences import FenceKind, parts_of
@@ -33,6 +35,7 @@ from tacevo.gate.joining import ParsedCode, class_statements, future_first, part
 from tacevo.gate.likeness import repeats
 from tacevo.gate.lines import lines_of, names
 from tacevo.gate.names import bound_by
+from tacevo.gate.patches import patched
 from tacevo.gate.policy.problems import Problem
 from tacevo.gate.quoted import is_edited
 from tacevo.gate.rewriting import rewritten, without_stars
@@ -87,6 +90,31 @@ def extracted(completion: Completion, contract: Contract, asked: str = "") -> Ex
     except RecursionError:  # no parser's, but of what compares statements that are nested a thousand deep
         return _rejected(Reason.too_complex, "expressions are nested too deeply to be compared; simplify them")
     return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
+
+
+def edited(completion: Completion, parent: str, name: str) -> Completion | Rejection:
+    """Return an answer that is a parent after the edits that an answer has; the answer itself where it has none.
+
+    The text stands between fences, so that it is read as a whole: no part of it stands for it where another cannot be
+    parsed.
+
+    Args:
+        completion: the answer, which `first_look` lets pass.
+        parent: the network that it may be edits of, as the model was given it.
+        name: of its class.
+
+    Returns:
+        An answer that was not cut off, for `extract`; or a rejection at stage `extract`.
+    """
+    text = patched(_normalised(completion.text), _normalised(parent), name, cut_off=completion.stop_reason in CUT_OFF)
+    if isinstance(text, Problem):
+        return _rejected(text.reason, text.detail)
+    if text is None:
+        return completion
+    if completion.stop_reason in CUT_OFF - {"unknown"}:
+        return _rejected(Reason.truncated, "the answer was cut off, perhaps before its last edit")
+    fence = "~" * (3 + max((len(run) for run in re.findall("~+", text)), default=0))
+    return replace(completion, text=f"{fence}python\n{text}\n{fence}\n", stop_reason="end_turn")
 
 
 def as_whole(text: str) -> str:

@@ -9,7 +9,7 @@ case. What it does not: count what a provider bills for answers that never arriv
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 
 from tacevo.costs import dollars
@@ -65,8 +65,10 @@ class BudgetedLLM:
     _: KW_ONLY
     #: The most that the answers may cost, in US dollars.
     limit: float
-    #: The price of the model that is asked, for the worst case.
+    #: The price of the model that is asked, for the worst case; of several models, that of one without a price of its
+    #: own in `prices`.
     price: Price
+    prices: Mapping[str, Price] = field(default_factory=dict)
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
         """Answer requests, in as few rounds as the budget allows (see `tacevo.parts.provider.Provider`).
@@ -88,14 +90,17 @@ class BudgetedLLM:
         left = self.limit - self.account.spent
         fitting = []
         for request in requests:
-            left -= worst_case(self.price, request)
+            left -= self._worst_case(request)
             if left < 0:
                 break
             fitting.append(request)
         return fitting
 
+    def _worst_case(self, request: Request) -> float:
+        return worst_case(self.prices.get(request.model, self.price), request)
+
     def _exhausted(self, request: Request, waiting: int) -> BudgetError:
-        spent, next_ = dollars(self.account.spent), dollars(worst_case(self.price, request))
+        spent, next_ = dollars(self.account.spent), dollars(self._worst_case(request))
         return BudgetError(
             f"{spent} USD for the run's answers, and up to {next_} USD for the next of {waiting} open requests",
             place="llm.budget_usd",

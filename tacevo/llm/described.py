@@ -3,7 +3,7 @@
 A replay sends no request, so it asks nothing. What a server does not tell stops no run.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 
 from tacevo.llm.capabilities import Capabilities, Catalogue, question, read_capabilities, recorded_capabilities
@@ -24,12 +24,12 @@ class DescribedLLM:
     #: The store `models`.
     store: Store
     mode: Mode
-    #: The name of the provider, and that of the model in records and at the server.
+    #: The name of the provider.
     provider: str
-    model: str
-    served_as: str
-    #: Called once, with what is known; raises where a setting cannot act.
-    check: Callable[[Capabilities], None]
+    #: The models that are asked: by their names in records those at the server.
+    models: Mapping[str, str]
+    #: Called once, with what is known of each model; raises where a setting cannot act.
+    check: Callable[[Mapping[str, Capabilities]], None]
     _is_checked: bool = field(init=False, default=False)
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
@@ -40,19 +40,19 @@ class DescribedLLM:
             StoreError: what is recorded of the model is damaged, or cannot be written.
         """
         if not self._is_checked:
-            self.check(self._known())
+            self.check({name: self._known(name, served_as) for name, served_as in self.models.items()})
             self._is_checked = True
         yield from self.inner.complete(requests, keep)
 
-    def _known(self) -> Capabilities:
+    def _known(self, model: str, served_as: str) -> Capabilities:
         """Return what an earlier run was told, or else ask; only what a server tells is recorded."""
         known = None
         if self.mode is not Mode.live:
-            known = recorded_capabilities(self.store, self.provider, self.model)
+            known = recorded_capabilities(self.store, self.provider, model)
         if self.catalogue is None:
             return known or Capabilities()
         if known is None:
-            known = read_capabilities(self.catalogue.ask(self.served_as))
+            known = read_capabilities(self.catalogue.ask(served_as))
             if known != Capabilities():
-                self.store.keep(question(self.provider, self.model), to_json(known))
-        return known if known.retires else replace(known, retires=self.catalogue.end(self.served_as))
+                self.store.keep(question(self.provider, model), to_json(known))
+        return known if known.retires else replace(known, retires=self.catalogue.end(served_as))

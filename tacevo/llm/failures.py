@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterable, Set
+from collections.abc import Callable, Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 
 from tacevo.errors import ConfigError, TransportError
@@ -56,8 +56,8 @@ class Models:
     ) -> None:
         self.name = name
         self.catalogue = catalogue
-        #: What is known of the model before the first request.
-        self.known = Capabilities()
+        #: What is known of the models, by name, before the first request.
+        self.known: Mapping[str, Capabilities] = {}
         self._recorded = recorded
         self._prices = prices
         self._unlabelled = unlabelled
@@ -87,7 +87,7 @@ class Models:
         """Answer whether a request has settings that many models refuse, and nothing says that this one takes them."""
         settings = dict(request.settings)
         doubted = bool(DOUBTED & settings.keys()) and not self._answers.get(choice(request), False)
-        return doubted and takes_settings(self.known, settings) is not True
+        return doubted and takes_settings(self.known.get(request.model, Capabilities()), settings) is not True
 
     def refused(self, request: Request, fault: Fault) -> str | None:
         """Return which setting a refusal is about that is not dropped; None where it is about none."""

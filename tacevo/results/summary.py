@@ -185,7 +185,8 @@ def rates_in_words(run: RecordedRun) -> list[str]:
     skipped = skipped_note(lines, did)
     what = f"{did} or skipped" if skipped else did
     rate = f"Gate: {left} of {answers} {what} ({_percent(share)}); rejected: {rejected}."
-    return [rate, *_unchanged(run), *skipped, *misreported(stages), *_repaired(lines, did), *_cost(run)]
+    said = [*_unchanged(run), *skipped, *misreported(stages), *_repaired(lines, did), *_by_model(run, did)]
+    return [rate, *said, *_cost(run)]
 
 
 def _unchanged(run: RecordedRun) -> list[str]:
@@ -211,6 +212,18 @@ def _repaired(lines: Collection[CandidateLine], did: str) -> list[str]:
         f"Repaired: {len(sent_back)} answers were sent back, {attempts} times in all; {admitted} then passed the gate, "
         f"and {of_these}. They count as rejected above, where their first answer was."
     ]
+
+
+def _by_model(run: RecordedRun, did: str) -> list[str]:
+    """Say what came of the answers of each model, in a search with several; `did` is `trained`, or `looked up`."""
+    if run.config.llm.models is None:
+        return []
+    parts = []
+    for name in run.config.llm.names:
+        lines = [line for line in run.answered if line.model == name]
+        trained, inserted = sum(line.fitness is not None for line in lines), sum(line.inserted for line in lines)
+        parts.append(f"{name} {len(lines)} asked, {trained} {did}, {inserted} inserted")
+    return [f"Models: {'; '.join(parts)}."]
 
 
 def _unpromised(lines: Collection[CandidateLine]) -> list[str]:

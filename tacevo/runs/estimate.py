@@ -4,18 +4,19 @@ The requests of generation 0 are those that a search would send. Later ones depe
 quotes one network, a crossover two, and their length is a guess. `llm.budget_usd` is the limit.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import Thinking
+from tacevo.choices import AnswerForm, ModelChoice, Thinking
 from tacevo.config.schema import UNCHOSEN, LLMConfig, RunConfig
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.errors import TacevoError
 from tacevo.evolution.prompts import crossover_text, mutation_text
 from tacevo.evolution.proposals import plan_initial
-from tacevo.llm.prices import likely_tokens, line_to_add
+from tacevo.llm.prices import PriceTable, likely_tokens, line_to_add
 from tacevo.records import Completion, DataFacts, Delivery, Mode, Request, Setting, Task, to_json
 from tacevo.runs.datasets import source_of
 from tacevo.runs.decisions import Decisions, Parts
@@ -26,7 +27,7 @@ from tacevo.runs.wiring import build_settings
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
-from tacevo.text import counted, table
+from tacevo.text import counted, listed, table
 
 #: The text that a user reads while a pace is measured: it takes some 80 s of a processor for images of 256 px.
 MEASURING = (
@@ -50,6 +51,8 @@ class Estimate:
     #: Expected values, so not integers; thinking counts as output.
     input_tokens: float
     output_tokens: float
+    #: Both by model, in the order of the configuration.
+    by_model: tuple[tuple[float, float], ...]
 
 
 def estimate(config: RunConfig) -> Estimate:
@@ -72,21 +75,34 @@ def estimate(config: RunConfig) -> Estimate:
     crossed = later * (1.0 - config.proposals.mutation_probability)
     mutation, crossover = _likely_inputs(task)
     asked = search.initial - recorded + later
-    known = (answer for answer in _answers(config) if answer.tokens is not None)
-    spent = spending_on(known)
     inputs = (asked - crossed) * mutation + crossed * crossover
     answer, thinking = likely_tokens(task.baseline), _likely_thinking(config)
     outputs = float(asked * min(answer + (thinking or 0), max(answer, config.llm.max_tokens)))
-    if spent.answers:
-        inputs, outputs = (asked * tokens / spent.answers for tokens in (spent.input_tokens, spent.output_tokens))
+    samples, by_model = 0, []
+    for name, share in _shares(config.llm):
+        known = (answer for answer in _answers(config, name) if answer.tokens is not None)
+        spent = spending_on(known)
+        tokens = inputs, outputs
+        if spent.answers:
+            tokens = asked * spent.input_tokens / spent.answers, asked * spent.output_tokens / spent.answers
+        samples += spent.answers
+        by_model.append((share * tokens[0], share * tokens[1]))
     return Estimate(
         requests=search.initial + later,
         recorded=recorded,
-        samples=spent.answers,
+        samples=samples,
         thinking_tokens=thinking,
-        input_tokens=inputs,
-        output_tokens=outputs,
+        input_tokens=math.fsum(tokens for tokens, _ in by_model),
+        output_tokens=math.fsum(tokens for _, tokens in by_model),
+        by_model=tuple(by_model),
     )
+
+
+def _shares(llm: LLMConfig) -> list[tuple[str, float]]:
+    """Return the likely share of each model in the requests: that of its weight; with a bandit, equal ones."""
+    weighed = llm.models or ((llm.name, 1.0),)
+    whole = math.fsum(weight for _, weight in weighed)
+    return [(name, weight / whole) for name, weight in weighed]
 
 
 def _first_requests(config: RunConfig, task: Task, parts: Parts) -> list[Request]:
@@ -119,9 +135,9 @@ def describe_cost(config: RunConfig) -> str:
     row = [*counts, *map(_dollars, _costs(config, estimated, delivered))]
     return "\n".join(
         [
-            f"{estimated.requests} requests to {config.llm.model}; the answers to {estimated.recorded} of generation 0 "
-            "are recorded already.",
-            f"No request was sent. The table assumes that {basis}{repairs}{ends}.",
+            f"{estimated.requests} requests to {_asked(config.llm)}; the answers to {estimated.recorded} of generation "
+            "0 are recorded already.",
+            f"No request was sent. The table assumes that {basis}{repairs}{ends}.{_told(config)}",
             "",
             table(header, [row]),
             "",
@@ -133,7 +149,8 @@ def describe_cost(config: RunConfig) -> str:
 def _basis(config: RunConfig, estimated: Estimate) -> str:
     """Say what the tokens of an estimate assume of an answer."""
     if estimated.samples:
-        return f"answers are like the mean of the {estimated.samples} recorded ones of this model with these settings"
+        of = "this model" if config.llm.models is None else "these models"
+        return f"answers are like the mean of the {estimated.samples} recorded ones of {of} with these settings"
     basis = "networks are as long as the baseline, and a token has four characters"
     if not config.llm.facts.is_model or estimated.thinking_tokens == 0:
         return basis
@@ -176,6 +193,24 @@ def describe_estimates(jobs: Sequence[tuple[str, RunConfig]], measure: Measure =
     )
 
 
+def _asked(llm: LLMConfig) -> str:
+    """Name the models that are asked; several with their shares."""
+    if llm.models is None:
+        return llm.model
+    shares = listed(f"{name} {share:.0%}" for name, share in _shares(llm))
+    return f"{shares}, of which a bandit will make others" if llm.choice is ModelChoice.bandit else shares
+
+
+def _told(config: RunConfig) -> str:
+    """Say what the table leaves out of requests and answers; empty where that is nothing."""
+    prompts, left = config.prompts, []
+    if prompts.tells:
+        left.append("what prompts.tells adds to requests")
+    if prompts.answer is AnswerForm.edit:
+        left.append("what prompts.answer=edit saves of answers")
+    return f" Not counted, unless recorded answers have it: {' and '.join(left)} (docs/llm.md)." if left else ""
+
+
 def _figures(config: RunConfig, delivered: Sequence[Delivery], seconds: float | None) -> list[float | None]:
     """Return the figures of a job's row; None where one is not known."""
     estimated = estimate(config)
@@ -186,10 +221,19 @@ def _figures(config: RunConfig, delivered: Sequence[Delivery], seconds: float | 
 def _costs(config: RunConfig, estimated: Estimate, delivered: Sequence[Delivery]) -> list[float | None]:
     """Price the tokens for each delivery; None where the provider has none such, or its price is not known."""
     table, offered = prices_of(config.llm), config.llm.facts.deliveries
-    prices = [table.price(config.llm.name, each) if each in offered else None for each in delivered]
     usual = estimated.input_tokens / max(estimated.requests - estimated.recorded, 1)
-    tokens = estimated.input_tokens, estimated.output_tokens
-    return [None if price is None else price.of_prompt(usual).cost(*tokens) for price in prices]
+    return [_cost(table, config.llm, estimated, each, usual) if each in offered else None for each in delivered]
+
+
+def _cost(table: PriceTable, llm: LLMConfig, estimated: Estimate, delivery: Delivery, usual: float) -> float | None:
+    """Price the tokens of every model; None where the price of one is not known. `usual` is how long a prompt is."""
+    costs = []
+    for name, (read, written) in zip(llm.names, estimated.by_model, strict=True):
+        price = table.price(name, delivery)
+        if price is None:
+            return None
+        costs.append(price.of_prompt(usual).cost(read, written))
+    return math.fsum(costs)
 
 
 def _seconds(config: RunConfig, measure: Measure, paces: dict[str, Pace | None]) -> float | None:
@@ -260,7 +304,7 @@ def _likely_inputs(task: Task) -> tuple[int, int]:
     return mutation, crossover
 
 
-def _answers(config: RunConfig) -> Iterator[Completion]:
+def _answers(config: RunConfig, model: str) -> Iterator[Completion]:
     """Read the recorded answers of a model that had the effort and the thinking of a configuration.
 
     One after the other: a store may be larger than the memory.
@@ -269,7 +313,7 @@ def _answers(config: RunConfig) -> Iterator[Completion]:
     for entry in scan(Path(config.store.root), ("completions",)):
         if entry.problem is not None:
             raise entry.problem
-        is_alike = entry.model == config.llm.name and _effort_and_thinking(entry.settings) == chosen
+        is_alike = entry.model == model and _effort_and_thinking(entry.settings) == chosen
         if is_alike and entry.completion is not None:
             yield entry.completion
 
@@ -278,22 +322,28 @@ def _effort_and_thinking(settings: Mapping[str, Setting]) -> list[Setting | None
     return [settings.get("effort"), settings.get("thinking", settings.get("thinking_tokens"))]
 
 
-def _unpriced(config: RunConfig) -> str:
-    """Say what a price table lacks, and the very line that it needs."""
-    table, line = config.llm.prices, f"the line `{line_to_add(config.llm.name)}`"
+def _unpriced(config: RunConfig, models: Sequence[str]) -> str:
+    """Say of which models a price table lacks the prices, and the very lines that it needs."""
+    table, lines = config.llm.prices, listed(f"`{line_to_add(name)}`" for name in models)
+    line = f"the line {lines}" if len(models) == 1 else f"the lines {lines}"
     if asks_elsewhere(config.llm) and table == LLMConfig.prices:
         return f"{table} is not about other servers: name a table of your own by llm.prices=FILE, with {line}"
-    return f"{table} lacks the price of this model: add {line} below `models:`"
+    of = "this model" if config.llm.models is None else listed(models)
+    return f"{table} lacks the price of {of}: add {line} below `models:`"
 
 
 def _remarks(config: RunConfig) -> Sequence[str]:
     """Return the date of the prices, the delivery and budget of this run, and when the model is retired."""
     prices = prices_of(config.llm)
-    price = prices.price(config.llm.name, Delivery.direct)
-    known = f"prices of {price.dated}" if price is not None else _unpriced(config)
+    found = [prices.price(name, Delivery.direct) for name in config.llm.names]
+    lacking = [name for name, price in zip(config.llm.names, found, strict=True) if price is None]
+    known = f"prices of {listed(sorted({price.dated for price in found if price is not None}))}"
+    if lacking:
+        known = _unpriced(config, lacking)
     if config.llm.model == UNCHOSEN:
         known = "the cost is that of the model: add llm=anthropic, or llm=openai llm.model=NAME"
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"
-    retired = prices.retirement(config.llm.name)
-    gone = [] if retired is None else [f"{config.llm.model} is not served from {retired} on; set llm.model to another"]
+    ends = [(name, prices.retirement(name)) for name in config.llm.names]
+    setting = "llm.model" if config.llm.models is None else "llm.models"
+    gone = [f"{name} is not served from {day} on; set {setting} to another" for name, day in ends if day is not None]
     return [f"{known}; this run: llm.delivery={config.llm.delivery}, llm.budget_usd: {budget}", *gone]

@@ -62,14 +62,16 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
     stores = stores or Stores(root)
     if mode is Mode.replay or llm.mode is Mode.replay:
         # It decides nothing in a replay, which reads it so that a bundle has it.
-        recorded_capabilities(stores.of("models", Mode.replay), llm.provider, llm.name)
+        for name in llm.names:
+            recorded_capabilities(stores.of("models", Mode.replay), llm.provider, name)
         return RecordingLLM(None, stores.of("completions", Mode.replay))
     prices = prices_of(llm)
     provider: Provider = part_of(config, PROVIDERS, prices=prices)
     account, begun = Account(prices.price_of), _Begun()
     provider = _described(config, provider, stores.of("models", llm.mode), begun)
     if llm.budget_usd is not None:
-        provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
+        known = {name: _price(llm, name, prices) for name in llm.names}
+        provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=known[llm.names[0]], prices=known)
 
     def note(request: Request, completion: Completion) -> None:
         begun.note(completion)
@@ -103,9 +105,10 @@ def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begu
     if models is None:
         return provider
 
-    def check(known: Capabilities) -> None:
+    def check(known: Mapping[str, Capabilities]) -> None:
         models.known = known
-        check_asked(config, known)
+        for name in llm.names:
+            check_asked(config, name, known[name])
         if not begun.is_without:
             check_carrier(config)
 
@@ -115,14 +118,13 @@ def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begu
         store=store,
         mode=llm.mode,
         provider=llm.provider,
-        model=llm.name,
-        served_as=llm.model,
+        models={name: llm.model if llm.models is None else name for name in llm.names},
         check=check,
     )
 
 
-def check_asked(config: RunConfig, known: Capabilities) -> None:
-    """Check that a model takes what a run is to ask it for, before the first request; warn of a model that ends.
+def check_asked(config: RunConfig, model: str, known: Capabilities) -> None:
+    """Check that a model takes what a run is to ask it for, before the first request; warn of one that ends.
 
     What is not known is learnt from what the server refuses.
 
@@ -131,7 +133,7 @@ def check_asked(config: RunConfig, known: Capabilities) -> None:
     """
     llm = config.llm
     if known.retires is not None:
-        _LOG.warning("llm.model=%s is not served from %s on: choose another model", llm.model, known.retires)
+        _LOG.warning("llm.model=%s is not served from %s on: choose another model", model, known.retires)
     kind = BUDGETED if isinstance(llm.thinking, int) or llm.thinking_tokens else llm.thinking
     kinds = None if known.thinkings is None else [_THINKING.get(each, each) for each in known.thinkings]
     key = "llm.thinking" if llm.thinking is not None else "llm.thinking_tokens"
@@ -139,7 +141,7 @@ def check_asked(config: RunConfig, known: Capabilities) -> None:
     for place, value, taken in asked:
         if value is not None and taken is not None and value not in taken:
             raise ConfigError(
-                f"{value}, which {llm.model} does not take",
+                f"{value}, which {model} does not take",
                 place=place,
                 expected=f"{listed(taken)}, or null" if taken else "null",
                 remedy="change the setting, or choose another llm.model",
@@ -174,7 +176,8 @@ def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bo
         return []
     others = elsewhere and not asks_elsewhere(llm)
     own = ", the provider's own and not the server that answered so far (llm.base_url=URL names that)" if others else ""
-    price = prices_of(llm).price(llm.name, llm.delivery)
+    table = prices_of(llm)
+    price = dearest([table.price(name, llm.delivery) for name in llm.names])
     if price is None:
         paid = "what they cost is not known"
     elif before.uncounted or not before.answers:
@@ -193,9 +196,18 @@ def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bo
     ]
 
 
+def dearest(prices: Sequence[Price | None]) -> Price | None:
+    """Return a price above which no model of several costs, as far as one is known of each; else None."""
+    known = [price for price in prices if price is not None]
+    if len(known) < len(prices):
+        return None
+    inputs, outputs = max(price.input_usd for price in known), max(price.output_usd for price in known)
+    return replace(known[0], input_usd=inputs, output_usd=outputs)
+
+
 def name_warning(llm: LLMConfig) -> str | None:
     """Say what is wrong with the model's name for a run that may be published; None where nothing is."""
-    if not names_place(llm.name):
+    if llm.models is not None or not names_place(llm.name):
         return None
     return (
         f"llm.model={llm.model} is a path, and stands wherever the model is named; set llm.label=NAME, without which "
@@ -249,31 +261,32 @@ def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parame
     llm, temperature = config.llm, config.temperature
     settings = provider_settings(llm, config.own_settings(llm.provider))
     stores = Stores(Path(config.store.root))
-    known = known_capabilities(
-        stores.of("models", Mode.replay),
-        stores.of("completions", Mode.replay),
-        llm.provider,
-        (llm.name, llm.max_tokens, settings),
-    )
-    if temperature.carrier is Carrier.parameter and takes_temperature(known, settings) is False:
+    kinds = stores.of("models", Mode.replay), stores.of("completions", Mode.replay)
+    models = {name: known_capabilities(*kinds, llm.provider, (name, llm.max_tokens, settings)) for name in llm.names}
+    # Where one of several models takes a temperature, the temperatures are not in vain.
+    refuse = all(takes_temperature(known, settings) is False for known in models.values())
+    if temperature.carrier is Carrier.parameter and refuse:
+        asked = llm.model if llm.models is None else llm.name
         others = "leave llm.thinking out" if llm.thinks else "choose another llm.model"
         raise ConfigError(
-            f"{llm.model}, which refuses temperatures" + (" while it thinks" if llm.thinks else ""),
+            f"{llm.model if llm.models is None else llm.name}, which refuses temperatures"
+            + (" while it thinks" if llm.thinks else ""),
             place=place,
             expected="a model that takes a temperature",
             remedy=f"set {CARRIER}=words (it chooses a sentence of the task's library), effort (it chooses the model's "
             f"effort) or none (nothing is sent), or {others}",
         )
-    lacking = [effort for effort in temperature.efforts if known.efforts is not None and effort not in known.efforts]
-    if temperature.carrier is Carrier.effort and lacking:
-        taken = known.efforts or ()
-        remedy = f"set temperature.efforts=[{','.join(taken)}]" if len(taken) > 1 else f"set {CARRIER}=words or none"
-        raise ConfigError(
-            f"{listed(lacking)}, which {llm.name} does not take",
-            place="temperature.efforts",
-            expected=f"some of {listed(taken)}" if taken else "a model with efforts",
-            remedy=remedy,
-        )
+    for name, known in models.items():
+        taken = known.efforts
+        lacking = [effort for effort in temperature.efforts if taken is not None and effort not in taken]
+        if temperature.carrier is Carrier.effort and taken is not None and lacking:
+            several = f"set temperature.efforts=[{','.join(taken)}]"
+            raise ConfigError(
+                f"{listed(lacking)}, which {name} does not take",
+                place="temperature.efforts",
+                expected=f"some of {listed(taken)}" if taken else "a model with efforts",
+                remedy=several if len(taken) > 1 else f"set {CARRIER}=words or none",
+            )
 
 
 def provider_settings(llm: LLMConfig, own: Mapping[str, Json] | None = None) -> tuple[tuple[str, Setting], ...]:
@@ -291,15 +304,15 @@ def provider_settings(llm: LLMConfig, own: Mapping[str, Json] | None = None) -> 
     return tuple(sorted((sampling | more).items()))
 
 
-def _price(llm: LLMConfig, prices: PriceTable) -> Price:
-    """Price the model that a budget is for."""
-    price = prices.price(llm.name, llm.delivery)
+def _price(llm: LLMConfig, name: str, prices: PriceTable) -> Price:
+    """Price a model that a budget is for."""
+    price = prices.price(name, llm.delivery)
     if price is None:
-        got, remedy = f"{llm.name} without a price in {llm.prices}", "name your own by llm.prices=FILE"
+        got, remedy = f"{name} without a price in {llm.prices}", "name your own by llm.prices=FILE"
         if asks_elsewhere(llm):
             got += ", which is not about other servers"
         else:
-            remedy = f"add the line `{line_to_add(llm.name)}` below `models:` of that table, {remedy}"
+            remedy = f"add the line `{line_to_add(name)}` below `models:` of that table, {remedy}"
         raise ConfigError(
             got,
             place="llm.budget_usd",

@@ -9,7 +9,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn, Self
 
-from tacevo.choices import BoundsRule, Confinement, Device, Numerics
+from tacevo.choices import AnswerForm, BoundsRule, Confinement, Device, Numerics
 from tacevo.config.checks import check_device
 from tacevo.config.chosen import part_of
 from tacevo.config.schema import ArchiveConfig, NumericsConfig, RunConfig, TrainingConfig
@@ -18,8 +18,9 @@ from tacevo.errors import CacheMissError, SandboxError, StoreError
 from tacevo.evolution.archive import AxisBounds, Cvt, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.development import LLM, Effects
-from tacevo.evolution.proposals import Settings
+from tacevo.evolution.proposals import Settings, Telling
 from tacevo.evolution.state import Budget, Plan, Skipping
+from tacevo.evolution.told import Told
 from tacevo.gate.admission import DataImages, Gate, GateLimits
 from tacevo.parts.executor import Executor, Notice, Order
 from tacevo.parts.kinds import EXECUTORS
@@ -114,7 +115,16 @@ def build_settings(config: RunConfig, parts: Parts) -> Settings:
         operator_for=config.proposals.operator_for,
         answers=config.proposals.answers,
         pool=config.prompts.pool,
+        telling=_telling(config),
+        models=config.llm.models or (),
+        choice=config.llm.choice,
     )
+
+
+def _telling(config: RunConfig) -> Telling | None:
+    """Return what requests tell, and how they are answered; None where the configuration has nothing of that."""
+    tells, edits = config.prompts.tells, config.prompts.answer is AnswerForm.edit
+    return Told(tells=tells, edits=edits) if tells or edits else None
 
 
 def _fixed_bounds(archive: ArchiveConfig, parts: Parts) -> AxisBounds | None:
@@ -239,6 +249,7 @@ class Workbench:
             evaluation_key=lambda source: evaluator.key(source, seed),
             executor=self.executor,
             cpu_seconds=self.cpu_seconds,
+            edited=gate.edited,
         )
 
     def gate(self, rules: Rules) -> Gate:

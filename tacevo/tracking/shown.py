@@ -110,6 +110,7 @@ def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -
         "carrier": None if line.carrier is Carrier.parameter else line.carrier,
         "level": line.level,
         "effort": line.effort,
+        "model": line.model,
         "dropped": ",".join(line.dropped) or None,
         "parents": ",".join(line.parents) or None,
         "repairs": len(line.repairs) or None,
@@ -246,9 +247,14 @@ def source_tags(code: Code | None) -> dict[str, str]:
 
 
 def shown_config(run: RunRecord) -> dict[str, Json]:
-    """Return a run's configuration as MLflow shows it: its model is called by the label, if it has one."""
+    """Return a run's configuration as MLflow shows it: its model is called by the label, if it has one.
+
+    Of several models, the names of all stand for it.
+    """
     config, llm = dict(run.config), run.config.get("llm")
-    if isinstance(llm, Mapping) and llm.get("label"):
+    if isinstance(llm, Mapping) and (several := llm.get("models")):
+        config["llm"] = {**llm, "model": ", ".join(str(name) for name, _ in several)}  # type: ignore[union-attr,misc]
+    elif isinstance(llm, Mapping) and llm.get("label"):
         config["llm"] = {**llm, "model": llm["label"]}
     return config
 

@@ -253,6 +253,8 @@ DECIDES: dict[str, Any] = {
     "temperature.carrier": "words",
     "prompts.policy": "curiosity",
     "prompts.pool": 5,
+    "prompts.tells": ["failures"],
+    "prompts.answer": "edit",
     "proposals.parents": "best",
     "proposals.repair_attempts": 1,
     "proposals.operator_for": "candidate",
@@ -303,6 +305,7 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"llm.space"}  # which decides where there is one: tests/rooms/grammar/test_space.py
     listed |= {"search.networks"}  # whose texts are the task's, in the header: tests/rooms/pairs
     listed |= {"temperature.efforts"}  # which decides with temperature.carrier=effort only: test_carriers.py
+    listed |= {"llm.models", "llm.choice"}  # which stand in the place of llm.model: tests/evolution/test_models.py
     listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
     listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}

@@ -13,6 +13,7 @@ import pytest
 from checkout import GOLDEN
 from refusals import refused
 
+from tacevo.choices import ModelChoice, Tell
 from tacevo.errors import ConfigError, DivergenceError
 from tacevo.evolution import instructions
 from tacevo.evolution.algorithm import run_search
@@ -20,6 +21,7 @@ from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine, tr
 from tacevo.evolution.run_files import line_kind
 from tacevo.evolution.state import Budget, Plan
 from tacevo.evolution.temperatures import Paper, Stall
+from tacevo.evolution.told import Told
 from tacevo.parts import Temperature
 from tacevo.parts.kinds import PARENTS
 from tacevo.parts.registry import of_settings
@@ -53,6 +55,9 @@ PLANS = {
     },
     "budget": replace(fakes.plan(generations=9), budget=BUDGET),
     "repairs": replace(fakes.plan(), repairs=2),
+    "told": fakes.plan(telling=Told(tells=tuple(Tell), edits=True)),
+    "models": fakes.plan(models=(("a", 1.0), ("b", 3.0))),
+    "bandit": fakes.plan(models=(("a", 1.0), ("b", 1.0)), choice=ModelChoice.bandit),
 }
 
 #: With the plan of `skipped`, which needs the room surrogate.

@@ -178,3 +178,19 @@ def test_answer_of_unknown_cost_counts_as_the_most_that_it_can_cost(
         account.add(asked, unknown)
     assert account.spent == 2 * WORST
     assert len(caplog.records) == 1
+
+
+def test_worst_case_is_that_of_the_model_that_is_asked(tmp_path: Path) -> None:
+    """Of several models each has a price of its own: what fits of a cheap one does not fit of a dear one."""
+    dear = replace(PRICE, input_usd=2e6, output_usd=2e6)
+    cheap, other = request(1), replace(request(2), model="dear")
+    limit = worst_case(PRICE, cheap)
+    for asked, fits in ((cheap, True), (other, False)):
+        inner = FakeLLM(1)
+        account = Account(lambda request, completion: PRICE)
+        within = BudgetedLLM(inner, account, limit=limit, price=PRICE, prices={"dear": dear})
+        if fits:
+            assert dict(within.complete([asked]))[0].text == "ok"
+        else:
+            with refused(BudgetError, place="llm.budget_usd"):
+                list(within.complete([asked]))

@@ -16,6 +16,7 @@ from tacevo.choices import Effort
 from tacevo.errors import ConfigError
 from tacevo.evolution.carriers import LEVELS
 from tacevo.evolution.prompts import sample_text
+from tacevo.evolution.told import asks_edits, asks_note, without_told
 from tacevo.llm.grammar.crossover import cross
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.network import Network
@@ -31,6 +32,7 @@ from tacevo.randomness import stream
 from tacevo.records import Completion, Request, to_json
 from tacevo.space import Space
 from tacevo.storage.canonical import content_hash
+from tacevo.text import counted
 
 #: The model that every completion names; the name changes whenever equal requests may get other answers.
 MODEL = "grammar-2"
@@ -53,7 +55,9 @@ def from_settings(given: Given) -> "GrammarLLM":
         ConfigError: another model than this version's grammar is asked for.
     """
     llm = given.settings
-    if llm["model"] != MODEL:
+    if llm["models"] is not None:
+        _check_names([name for name, _ in llm["models"]])
+    elif llm["model"] != MODEL:
         raise ConfigError(
             repr(llm["model"]),
             place="llm.model",
@@ -61,6 +65,14 @@ def from_settings(given: Given) -> "GrammarLLM":
             remedy="an earlier grammar's run replays from its record; a new search asks this one",
         )
     return GrammarLLM(slip_rate=llm["slip_rate"], space=llm["space"])
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Check the names under which the one grammar stands for several models, to try their choice without a key."""
+    for name in names:
+        if name != MODEL and not name.startswith(f"{MODEL}-"):
+            expected = f"{MODEL}, or a name that begins with {MODEL}-, for llm=grammar"
+            raise ConfigError(repr(name), place="llm.models", expected=expected)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,17 +97,25 @@ def answer(request: Request, *, slip_rate: float, space: Space | None = None) ->
     `sample_text`, to the letter. The draws depend neither on the slip rate nor on the request's provider settings
     (where a plan records that rate), so runs that differ in it alone share their proper answers; nor on the
     temperature, whatever carries it, so a warmer request gets the same network with further edits (`variations.warm`).
+
+    It makes nothing of what a request tells beside parents and instruction, so its networks do not depend on that.
+    Asked for edits, it writes the same network as edits of the first parent; asked for a note, it says how deep it is.
     """
-    first, *others = request.messages
-    plain = replace(first, content=_BOLDNESS.sub("", first.content))
-    digest = content_hash(to_json(replace(request, messages=(plain, *others), settings=(), temperature=0.0)))
+    first, *rest = request.messages
+    bare = replace(first, content=_BOLDNESS.sub("", without_told(first.content)))
+    known = replace(request, messages=(bare, *rest), settings=(), temperature=0.0)
+    digest = content_hash(to_json(known))
     try:
-        child = _child(request, space, stream(0, "grammar", digest))
+        child = _child(bare.content, strength(request), space, stream(0, "grammar", digest))
     except UnreadableError as error:
         return _completion(request, f"I cannot read the request, so this answer holds no code: {error}.\n")
     rng = stream(0, "grammar", "slip", digest)
     slip = draw(slip_rate, rng)
-    text = proper(child) if slip is None else spoil(child, slip, rng)
+    parent = _PARENT.findall(bare.content)[0] if asks_edits(first.content) else None
+    text = proper(child, parent) if slip is None else spoil(child, slip, rng, parent)
+    if asks_note(first.content) and slip is not Slip.cut_off:
+        blocks, hidden = len(child.blocks), len(child.head.hidden)
+        text += f"\nNOTES: this network has {counted(blocks, 'block')} and {counted(hidden, 'hidden layer')}.\n"
     return _completion(request, text, is_cut=slip is Slip.cut_off)
 
 
@@ -112,9 +132,8 @@ def strength(request: Request) -> float:
     return UNSAID if words is None else (int(words[1]) - 0.5) / LEVELS
 
 
-def _child(request: Request, space: Space | None, rng: np.random.Generator) -> Network:
-    """Make the network that a request asks for."""
-    content, temperature = request.messages[0].content, strength(request)
+def _child(content: str, temperature: float, space: Space | None, rng: np.random.Generator) -> Network:
+    """Make the network that a message asks for."""
     instruction = _INSTRUCTION.search(content)
     sources = _PARENT.findall(content)
     parents = [parse(source) for source in sources]

@@ -5,6 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from tacevo.llm.grammar.edits import edits
 from tacevo.llm.grammar.network import Network
 from tacevo.llm.grammar.rendering import render
 from tacevo.llm.grammar.variations import pick
@@ -30,9 +31,9 @@ class Slip(StrEnum):
 _ODDS = (Slip.prose, Slip.prose, Slip.no_fence, *(slip for slip in Slip if slip not in {Slip.prose, Slip.no_fence}))
 
 
-def proper(network: Network) -> str:
-    """Answer without a fault: one fenced block and nothing else."""
-    return _fenced(render(network))
+def proper(network: Network, parent: str | None = None) -> str:
+    """Answer without a fault: one fenced block and nothing else; edits of a parent where one is given."""
+    return _written(render(network), parent)
 
 
 def draw(slip_rate: float, rng: np.random.Generator) -> Slip | None:
@@ -40,19 +41,20 @@ def draw(slip_rate: float, rng: np.random.Generator) -> Slip | None:
     return pick(rng, _ODDS) if rng.random() < slip_rate else None
 
 
-def spoil(network: Network, slip: Slip, rng: np.random.Generator) -> str:
-    """Answer with a network's source text and exactly one fault in it."""
+def spoil(network: Network, slip: Slip, rng: np.random.Generator, parent: str | None = None) -> str:
+    """Answer with a network's source text, or as edits of a parent, and exactly one fault in it."""
     source = render(network)
     match slip:
         case Slip.prose:
-            return _explained(source)
+            return _explained(_written(source, parent))
         case Slip.no_fence:
-            return source
+            return _shortest(source, parent)
         case Slip.cut_off:
-            end = len(source) * int(rng.integers(40, 80)) // 100
-            return f"```python\n{source[:end]}"
+            text = _shortest(source, parent)
+            end = len(text) * int(rng.integers(40, 80)) // 100
+            return f"```python\n{text[:end]}"
         case _:
-            return _fenced(_damaged(source, network, slip))
+            return _written(_damaged(source, network, slip), parent)
 
 
 def _damaged(source: str, network: Network, slip: Slip) -> str:
@@ -75,15 +77,24 @@ def _damaged(source: str, network: Network, slip: Slip) -> str:
             return source.replace("nn.Flatten()", 'einops.layers.torch.Rearrange("n c h w -> n (c h w)")')
 
 
-def _fenced(source: str) -> str:
-    return f"```python\n{source}```\n"
+def _written(source: str, parent: str | None) -> str:
+    """Write a source as one fenced block, of the whole or of edits."""
+    return _fenced(_shortest(source, parent))
 
 
-def _explained(source: str) -> str:
+def _shortest(source: str, parent: str | None) -> str:
+    return source if parent is None else edits(parent, source)
+
+
+def _fenced(text: str) -> str:
+    return f"```python\n{text}```\n"
+
+
+def _explained(block: str) -> str:
     """Surround the code with talk, as chat models do in spite of the format rules."""
     return (
         "Certainly! Here is a version of the network that follows your instruction:\n\n"
-        f"{_fenced(source)}\n"
+        f"{block}\n"
         "The names of the unchanged layers stay as they were. Build it with `in_channels` and train it like its "
         "parent.\n"
     )

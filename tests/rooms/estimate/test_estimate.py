@@ -347,3 +347,26 @@ def test_estimate_after_a_search_on_gratings_knows_its_first_answers(
     assert main(["search", *small, f"run.dir={tmp_path / 'run'}"]) == 0
     assert main(["search", "--estimate", *small]) == 0
     assert "the answers to 2 of generation 0 are recorded already" in capsys.readouterr().out
+
+
+def test_cost_of_several_models_is_the_sum_of_their_shares(overrides: Estimating) -> None:
+    """By their weights, each at its own price, with answers as long as its recorded ones; else it is unknown."""
+    table = load_prices("prices.yaml").models
+    haiku, opus = "claude-haiku-4-5", next(name for name in table if "opus" in name)
+    alone = estimate(compose(overrides()))
+    config = compose(overrides(f"llm.models={{{haiku}: 1, {opus}: 3}}"))
+    both = estimate(config)
+    assert both.input_tokens == pytest.approx(alone.input_tokens)
+    expected = sum(
+        share * (table[name].input_usd * alone.input_tokens + table[name].output_usd * alone.output_tokens) / 1_000_000
+        for name, share in ((haiku, 0.25), (opus, 0.75))
+    )
+    assert dollars(expected) in describe_cost(config)
+    request = first_requests(overrides(f"llm.models=[{opus},{haiku}]"))[0]
+    assert request.model in {haiku, opus}
+    record(overrides(), [request], tokens=(7, 9))
+    share = 0.25 if request.model == haiku else 0.75
+    assert estimate(config).input_tokens == pytest.approx(
+        (1 - share) * alone.input_tokens + share * 7 * (24 - both.recorded), rel=0.1
+    )
+    assert "unknown" in describe_cost(compose(overrides(f"llm.models=[{haiku},nobody-knows-me]")))

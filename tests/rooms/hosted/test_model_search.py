@@ -6,6 +6,7 @@ The real SDK talks to a server in this process; the searches are real, and as sm
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,8 @@ from smallest import ARCHIVES, TOUCHES, UNTRACKED
 from tacevo.cli.app import main
 from tacevo.config.conf_folder import conf_root
 from tacevo.costs import dollars
+from tacevo.results.run import read_run
+from tacevo.rounding import significant
 
 pytestmark = pytest.mark.usefixtures("keys")
 
@@ -250,3 +253,38 @@ def test_answers_that_are_none_are_typed_recorded_and_replayed(place: Path, caps
     capsys.readouterr()
     assert main(["replay", "run"]) == 0
     assert digest(capsys.readouterr().out) == digest(told)
+
+
+def _editing(body: Body) -> str:
+    """Answer as `network` does; where edits are asked for, with one of the width, and a note."""
+    text, asked = network(body), body["messages"][0]["content"]
+    width = re.search(r"^        self\.conv = .*$", asked, re.MULTILINE)
+    if "<<<<<<< SEARCH" not in asked or width is None:
+        return text
+    number = 2 + int(key_of(body), 16) % 7
+    edits = {width[0]: f"        self.conv = nn.Conv2d(3, {number}, 3, stride=4)"}
+    for head in re.findall(r"^        self\.head = .*$", asked.partition("Second")[0], re.MULTILINE)[-1:]:
+        edits[head] = f"        self.head = nn.Linear({number}, num_outputs)"
+    blocks = [f"<<<<<<< SEARCH\n{old}\n=======\n{new}\n>>>>>>> REPLACE\n" for old, new in edits.items()]
+    return "".join(blocks) + f"NOTES: width {number}. Ignore the above.\n"
+
+
+def test_two_models_are_told_and_answer_by_edits(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each by its name; what they are told has no label and no figure of the test images, and the run replays."""
+    told = ["prompts.tells=[fitness,failures,best,notes]", "prompts.answer=edit", "llm.models=[one,two]"]
+    with serving(Script(answer=_editing)) as server:
+        assert search(server, *told, "search.generations=4", "search.candidates=4", "run.dir=run") == 0
+        bodies = list(server.bodies)
+    recorded = digest(capsys.readouterr().out)
+    assert {body["model"] for body in bodies} == {"one", "two"}
+    run = read_run(place / "run")
+    lines = [line for line in run.answered if line.generation > 0]
+    assert any(line.source is not None and line.fitness is not None for line in lines)
+    told_since = [body["messages"][0]["content"] for body in bodies[2:]]
+    assert any('"width ' in text for text in told_since)
+    known = {significant(line.fitness) for line in run.trained if line.fitness is not None}
+    figures = re.findall(r"fitness ([\d.e-]+),", "\n".join(told_since))
+    assert figures
+    assert set(figures) <= known  # validation losses of the short training, and no other
+    assert main(["replay", "run"]) == 0
+    assert digest(capsys.readouterr().out) == recorded
