@@ -258,7 +258,9 @@ def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parame
     if temperature.carrier is Carrier.parameter and takes_temperature(known, settings) is False:
         others = "leave llm.thinking out" if llm.thinks else "choose another llm.model"
         raise ConfigError(
-            f"{llm.model}, which refuses temperatures" + (" while it thinks" if llm.thinks else ""),
+            f"llm.thinking={llm.thinking}; requests that let a model think have none"
+            if llm.thinks
+            else f"{llm.model}, which refuses temperatures",
             place=place,
             expected="a model that takes a temperature",
             remedy=f"set {CARRIER}=words (it chooses a sentence of the task's library), effort (it chooses the model's "

@@ -300,7 +300,7 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"parts", "code"}  # what a user brought: tests/parts
     listed |= {"llm.label"}  # which stands for the model, below
     listed |= {"llm.space"}  # which decides where there is one: tests/rooms/grammar/test_space.py
-    listed |= {"temperature.efforts"}  # which decides with temperature.carrier=effort only: test_carriers.py
+    listed |= {"temperature.efforts"}  # which decides with temperature.carrier=effort only: test_carrier_settings.py
     listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
     listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}

@@ -1,4 +1,4 @@
-"""Promise: a temperature that a hosted model takes none of is refused before the first request, or carried otherwise."""
+"""Promise: where a hosted model takes no temperature, that is told before the first request, or something carries it."""
 
 import json
 from pathlib import Path

@@ -109,6 +109,7 @@ def test_model_is_asked_about_once_and_the_answer_is_recorded_and_replayed(
     """Once in a run, never where it is recorded, and never in a replay of the run or of its bundle, which has it."""
     with serving(CURRENT) as server:
         chosen = [f"llm.model={HAIKU}", "llm.effort=low", "llm.thinking=adaptive", "search.generations=2"]
+        chosen += ["temperature.carrier=none"]  # the model takes no temperature
         assert search(server, *chosen) == 0
         recorded = digest(capsys.readouterr().out)
         assert server.asked_about == [HAIKU]
@@ -119,8 +120,7 @@ def test_model_is_asked_about_once_and_the_answer_is_recorded_and_replayed(
     capsys.readouterr()
     assert main(["replay", "run"]) == 0
     assert digest(capsys.readouterr().out) == recorded
-    assert all(line["dropped"] == ["temperature"] for line in answered(place))
-    assert "llm.thinking" in " ".join((place / "run" / "summary.md").read_text().split())
+    assert not [line for line in answered(place) if "dropped" in line]
     publish("run", "-o", "run.zip", "--author", "A. Name", cwd=place)
     assert [entry["kind"] for entry in entries_of(members_of(place / "run.zip"))].count("models") == 1
     capsys.readouterr()
