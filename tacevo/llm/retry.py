@@ -236,7 +236,7 @@ def setting_to_drop(fault: Fault, sent: Set[str]) -> str | None:
 
 def refused_setting(fault: Fault, sent: Set[str]) -> str | None:
     """Find the setting that a refusal is about and that is not dropped: of those sent, the one it names first."""
-    if fault.kind is not FaultKind.doubtful:
+    if fault.kind not in {FaultKind.doubtful, FaultKind.request}:
         return None
     named = {name: re.search(pattern, fault.message) for name, pattern in _NAMED.items()}
     places = {

@@ -72,10 +72,11 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
 
 
 def _described(config: RunConfig, provider: Provider, store: Store) -> Provider:
-    """Let a provider of models be asked only once what its model takes has been checked."""
-    llm, models = config.llm, getattr(provider, "models", None)  # of ours, each has what it knows of its models
-    if models is None:
+    """Let a hosted provider of ours be asked only once what its model takes has been checked."""
+    llm = config.llm
+    if not llm.facts.host:
         return provider
+    models = provider.models  # type: ignore[attr-defined]  # known only where its room is installed
 
     def check(known: Capabilities) -> None:
         models.known = known
