@@ -1,4 +1,4 @@
-"""Promise: what is known of a model follows from what its server told and from its recorded answers; else it is unknown."""
+"""Promise: what is known of a model follows from what its server told and from recorded answers, or it is unknown."""
 
 from pathlib import Path
 from typing import Any
