@@ -246,15 +246,18 @@ def settings_of(request: Request, always: Iterable[str]) -> set[str]:
 def _refusal(name: str, request: Request, fault: Fault) -> ConfigError:
     """Return the error about a setting that a server refuses; it names the setting as the user writes it."""
     value = dict(request.settings).get(name, request.max_tokens)
-    key = "thinking" if name == "thinking_tokens" else name
     shown = list(value) if isinstance(value, tuple) else value
     by_temperature = name == "effort" and request.temperature is None
     chosen = "; where temperature.carrier=effort chose it: set temperature.efforts" if by_temperature else ""
     return ConfigError(
         f"{shown}, which {request.model} refuses: {fault.message}",
-        place=f"llm.{key}",
+        place=f"llm.{name}",
         expected="a value that the model takes",
+<<<<<<< HEAD
         remedy=f"choose another value, leave llm.{key} out, or choose another llm.model{chosen}",
+=======
+        remedy=f"choose another value, leave llm.{name} out, or choose another llm.model",
+>>>>>>> wtA
     )
 
 

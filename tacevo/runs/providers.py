@@ -86,6 +86,7 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
     )
 
 
+<<<<<<< HEAD
 @dataclass(slots=True)
 class _Begun:
     """Whether an answer of a run came without the temperature, because its model refuses it; such a run goes on so."""
@@ -101,7 +102,14 @@ def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begu
     """Let a provider of models be asked only once what its model takes has been checked."""
     llm, models = config.llm, getattr(provider, "models", None)  # of ours, each has what it knows of its models
     if models is None:
+=======
+def _described(config: RunConfig, provider: Provider, store: Store) -> Provider:
+    """Let a hosted provider of ours be asked only once what its model takes has been checked."""
+    llm = config.llm
+    if not llm.facts.host:
+>>>>>>> wtA
         return provider
+    models = provider.models  # type: ignore[attr-defined]  # known only where its room is installed
 
     def check(known: Capabilities) -> None:
         models.known = known

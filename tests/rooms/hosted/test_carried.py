@@ -1,4 +1,4 @@
-"""Promise: where a hosted model takes no temperature, that is told before the first request, or something carries it."""
+"""Promise: where a hosted model takes no temperature, that is told before the first request, or words carry it."""
 
 import json
 from pathlib import Path

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from anthropic.resources.messages import DEPRECATED_MODELS
 from asked import KEY, request
 from bundles import entries_of, members_of
 from commands import publish
@@ -23,8 +24,10 @@ from smallest import ARCHIVES, TOUCHES, UNTRACKED
 from tacevo.choices import Effort
 from tacevo.cli.app import main
 from tacevo.errors import ConfigError
+from tacevo.llm.anthropic import ClaudeCatalogue
 from tacevo.llm.capabilities import Capabilities, recorded_capabilities
-from tacevo.records import Setting
+from tacevo.records import Delivery, Setting
+from tacevo.runs.providers import load_prices
 from tacevo.storage.store import Store
 
 pytestmark = pytest.mark.usefixtures("keys")
@@ -186,6 +189,7 @@ def test_others_go_at_once_when_the_first_was_answered(provider: str, tmp_path: 
     ("words", "place"),
     [
         ("max_tokens: 77 > 64, which is the maximum allowed number of output tokens", "llm.max_tokens"),
+        ("max_tokens is too large: 77. This model supports at most 64 completion tokens", "llm.max_tokens"),
         ("stop_sequences: each must contain non-whitespace", "llm.stop_sequences"),
         ('"thinking.type.enabled" is not supported. Use "output_config.effort" instead.', "llm.thinking"),
         ("This model does not support the effort parameter", "llm.effort"),
@@ -272,6 +276,14 @@ def test_model_that_ends_is_told_with_the_date_before_the_first_request(
         assert len(server.bodies) == 2
     assert said == [True, True]
     assert sum(day in record.getMessage() for record in caplog.records) == 1
+
+
+def test_ends_that_the_sdk_knows_are_those_of_the_price_table() -> None:
+    """Every model of the table that the SDK knows to end has that day, by its own name or by that before its date."""
+    catalogue, table = ClaudeCatalogue(None), load_prices("prices.yaml")
+    ends = {model: catalogue.end(model) for model in DEPRECATED_MODELS if table.price(model, Delivery.direct)}
+    assert len(ends) > 3
+    assert ends == {model: table.retirement(model) for model in ends}
 
 
 def test_comparison_of_temperatures_is_not_begun_where_the_model_thinks(
