@@ -253,11 +253,7 @@ def _refusal(name: str, request: Request, fault: Fault) -> ConfigError:
         f"{shown}, which {request.model} refuses: {fault.message}",
         place=f"llm.{name}",
         expected="a value that the model takes",
-<<<<<<< HEAD
-        remedy=f"choose another value, leave llm.{key} out, or choose another llm.model{chosen}",
-=======
-        remedy=f"choose another value, leave llm.{name} out, or choose another llm.model",
->>>>>>> wtA
+        remedy=f"choose another value, leave llm.{name} out, or choose another llm.model{chosen}",
     )
 
 

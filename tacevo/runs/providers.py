@@ -86,7 +86,6 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
     )
 
 
-<<<<<<< HEAD
 @dataclass(slots=True)
 class _Begun:
     """Whether an answer of a run came without the temperature, because its model refuses it; such a run goes on so."""
@@ -99,15 +98,9 @@ class _Begun:
 
 
 def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begun) -> Provider:
-    """Let a provider of models be asked only once what its model takes has been checked."""
-    llm, models = config.llm, getattr(provider, "models", None)  # of ours, each has what it knows of its models
-    if models is None:
-=======
-def _described(config: RunConfig, provider: Provider, store: Store) -> Provider:
     """Let a hosted provider of ours be asked only once what its model takes has been checked."""
     llm = config.llm
     if not llm.facts.host:
->>>>>>> wtA
         return provider
     models = provider.models  # type: ignore[attr-defined]  # known only where its room is installed
 
