@@ -248,6 +248,8 @@ def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parame
         StoreError: what is recorded of the model is damaged.
     """
     llm, temperature = config.llm, config.temperature
+    if not llm.facts.is_model or temperature.carrier in {Carrier.words, Carrier.none}:
+        return
     settings = provider_settings(llm, config.own_settings(llm.provider))
     stores = Stores(Path(config.store.root))
     known = known_capabilities(
