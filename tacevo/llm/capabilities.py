@@ -111,15 +111,6 @@ def thinks(settings: tuple[tuple[str, Setting], ...]) -> bool:
     return dict(settings).get("thinking", Thinking.disabled) != Thinking.disabled
 
 
-def takes_settings(known: Capabilities, settings: Mapping[str, Setting]) -> bool | None:
-    """Answer whether a model takes the effort and the thinking of a request; None where one of them is not known."""
-    thinking = settings.get("thinking", settings.get("thinking_tokens"))
-    kind = thinking if thinking is None or isinstance(thinking, str) else BUDGETED
-    asked = ((settings.get("effort"), known.efforts), (kind, known.thinkings))
-    verdicts = [None if taken is None else value in taken for value, taken in asked if value is not None]
-    return False if False in verdicts else None if None in verdicts else True
-
-
 def takes_temperature(known: Capabilities, settings: tuple[tuple[str, Setting], ...]) -> bool | None:
     """Answer whether requests with such settings can have a temperature; None where that is not known."""
     return False if thinks(settings) else known.temperature

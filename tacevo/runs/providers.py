@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import yaml
@@ -76,21 +77,15 @@ def _described(config: RunConfig, provider: Provider, store: Store) -> Provider:
     llm = config.llm
     if not llm.facts.host:
         return provider
-    models = provider.models  # type: ignore[attr-defined]  # known only where its room is installed
-
-    def check(known: Capabilities) -> None:
-        models.known = known
-        check_asked(config, known)
-
     return DescribedLLM(
         provider,
-        models.catalogue,
+        provider.models.catalogue,  # type: ignore[attr-defined]  # known only where its room is installed
         store=store,
         mode=llm.mode,
         provider=llm.provider,
         model=llm.name,
         served_as=llm.model,
-        check=check,
+        check=partial(check_asked, config),
     )
 
 
