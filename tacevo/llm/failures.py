@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field, replace
 
 from tacevo.errors import ConfigError, TransportError
-from tacevo.llm.capabilities import Capabilities, Catalogue, takes_settings, thinks
+from tacevo.llm.capabilities import Catalogue, thinks
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import Choice, choice
 from tacevo.llm.retry import DOUBTED, Fault, FaultKind, refused_setting, setting_to_drop
@@ -56,8 +56,6 @@ class Models:
     ) -> None:
         self.name = name
         self.catalogue = catalogue
-        #: What is known of the model before the first request.
-        self.known = Capabilities()
         self._recorded = recorded
         self._prices = prices
         self._unlabelled = unlabelled
@@ -84,10 +82,11 @@ class Models:
         return tuple(sorted({*refused, "temperature"}))
 
     def is_doubted(self, request: Request) -> bool:
-        """Answer whether a request has settings that many models refuse, and nothing says that this one takes them."""
-        settings = dict(request.settings)
-        doubted = bool(DOUBTED & settings.keys()) and not self._answers.get(choice(request), False)
-        return doubted and takes_settings(self.known, settings) is not True
+        """Answer whether a request has settings that many models refuse, and none with these was answered in this run.
+
+        What the Models API tells settles it not: a model may take an effort and a thinking, and not both together.
+        """
+        return bool(DOUBTED & dict(request.settings).keys()) and not self._answers.get(choice(request), False)
 
     def refused(self, request: Request, fault: Fault) -> str | None:
         """Return which setting a refusal is about that is not dropped; None where it is about none."""

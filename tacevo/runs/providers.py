@@ -102,17 +102,15 @@ def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begu
     llm = config.llm
     if not llm.facts.host:
         return provider
-    models = provider.models  # type: ignore[attr-defined]  # known only where its room is installed
 
     def check(known: Capabilities) -> None:
-        models.known = known
         check_asked(config, known)
         if not begun.is_without:
             check_carrier(config)
 
     return DescribedLLM(
         provider,
-        models.catalogue,
+        provider.models.catalogue,  # type: ignore[attr-defined]  # known only where its room is installed
         store=store,
         mode=llm.mode,
         provider=llm.provider,

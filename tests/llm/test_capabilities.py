@@ -17,11 +17,10 @@ from tacevo.llm.capabilities import (
     known_capabilities,
     question,
     read_capabilities,
-    takes_settings,
     takes_temperature,
 )
 from tacevo.llm.recording import choice
-from tacevo.records import Completion, Json, Setting, to_json
+from tacevo.records import Completion, Json, to_json
 from tacevo.storage.store import Store
 
 CURRENT = Capabilities(temperature=False, efforts=tuple(Effort), thinkings=("adaptive", "disabled"))
@@ -87,22 +86,6 @@ def test_damaged_entry_of_a_model_is_named(tmp_path: Path) -> None:
     models.write(question("anthropic", "m"), {"efforts": ["huge"]})
     with refused(StoreError, place="models", remedy="delete that file"):
         known_capabilities(models, Store(tmp_path, "completions"), "anthropic", ("m", 1, ()))
-
-
-@pytest.mark.parametrize(
-    ("settings", "takes"),
-    [
-        ({}, True),
-        ({"effort": "max", "thinking": "adaptive"}, True),
-        ({"thinking": 1024}, False),
-        ({"thinking_tokens": 1024}, False),
-        ({"thinking": "disabled"}, True),
-    ],
-)
-def test_settings_are_compared_with_what_is_known(settings: dict[str, Setting], takes: bool) -> None:
-    """All must be taken; where nothing is known, none is known to be."""
-    assert takes_settings(CURRENT, settings) is takes
-    assert takes_settings(Capabilities(), settings) is (None if settings else True)
 
 
 @pytest.mark.parametrize(

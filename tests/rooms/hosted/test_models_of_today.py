@@ -157,7 +157,7 @@ def test_what_the_model_does_not_take_is_told_before_the_first_request(
 def test_refusal_of_effort_or_thinking_costs_one_request_and_has_the_name(
     field: str, setting: tuple[str, Setting], provider: str, tmp_path: Path
 ) -> None:
-    """Where nothing says what the model takes, one request goes ahead of the others, which are then not sent."""
+    """One request goes ahead of the others, which are then not sent."""
     if provider == "openai":
         field, setting = "reasoning_effort", ("effort", "max")
     asked = [request(text, settings=(setting,)) for text in "abcdef"]
@@ -166,6 +166,16 @@ def test_refusal_of_effort_or_thinking_costs_one_request_and_has_the_name(
         with refused(ConfigError, place=f"llm.{setting[0]}", got=str(setting[1]), remedy=f"llm.{setting[0]}"):
             list(llm.complete(asked))
         assert server.tried.total() == 1
+
+
+def test_what_a_model_takes_alone_it_may_refuse_together(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each is told to be taken, so only the server's refusal shows it; that costs one request, too."""
+    words = "thinking.type.disabled is not supported with effort xhigh"
+    with serving(replace(CURRENT, words=words)) as server:
+        chosen = [f"llm.model={HAIKU}", "llm.effort=xhigh", "llm.thinking=disabled"]
+        assert search(server, *chosen, "search.initial=3") == 2
+        assert server.tried.total() == 1
+    assert "llm.thinking: expected a value that the model takes; got disabled" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("provider", ["anthropic", "batches"])
