@@ -172,7 +172,7 @@ def test_what_a_model_takes_alone_it_may_refuse_together(place: Path, capsys: py
     """Each is told to be taken, so only the server's refusal shows it; that costs one request, too."""
     words = "thinking.type.disabled is not supported with effort xhigh"
     with serving(replace(CURRENT, words=words)) as server:
-        chosen = [f"llm.model={HAIKU}", "llm.effort=xhigh", "llm.thinking=disabled"]
+        chosen = [f"llm.model={HAIKU}", "llm.effort=xhigh", "llm.thinking=disabled", "temperature.carrier=none"]
         assert search(server, *chosen, "search.initial=3") == 2
         assert server.tried.total() == 1
     assert "llm.thinking: expected a value that the model takes; got disabled" in capsys.readouterr().err
