@@ -7,7 +7,7 @@ learnt from what a server refuses.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from tacevo.choices import Effort, Thinking
 from tacevo.errors import StoreError
@@ -36,6 +36,9 @@ class Capabilities(Record):
     #: The day from which on it is not served any more, as `YYYY-MM-DD`.
     retires: str | None = None
 
+    #: What no server tells is in no store.
+    LATER: ClassVar[frozenset[str]] = frozenset({"temperature"})
+
 
 class Catalogue(Protocol):
     """What a provider knows of its models beside their answers."""
@@ -53,22 +56,29 @@ def read_capabilities(told: Json) -> Capabilities:
     """Read what the Models API answers about a model; what is missing, or no answer of that API, is unknown.
 
     Nothing that is not known beforehand is taken over, so no text of a server gets into a store or a message.
-
-    A model that thinks adaptively, and takes no number of tokens to think with, takes no temperature: so it is with
-    every such model, and the API does not say it.
     """
     capabilities = _part(told, "capabilities")
     effort, thinking = _part(capabilities, "effort"), _part(capabilities, "thinking")
     # Thinking may be turned off on a model that has none, so its `supported` says nothing of its types.
     thinkings = _supported(_part(thinking, "types"), THINKINGS)
     efforts = () if effort.get("supported") is False else _supported(effort, tuple(Effort))
-    adaptive_only = thinkings is not None and Thinking.adaptive in thinkings and BUDGETED not in thinkings
-    return Capabilities(
-        temperature=False if adaptive_only else None,
-        efforts=None if efforts is None else tuple(map(Effort, efforts)),
-        thinkings=thinkings,
-        retires=_day(_mapping(told).get("retires_at")),
+    return _with_temperature(
+        Capabilities(
+            efforts=None if efforts is None else tuple(map(Effort, efforts)),
+            thinkings=thinkings,
+            retires=_day(_mapping(told).get("retires_at")),
+        )
     )
+
+
+def _with_temperature(told: Capabilities) -> Capabilities:
+    """Add what follows of the temperature, which no server tells.
+
+    A model that thinks adaptively, and takes no number of tokens to think with, takes none: so it is with every such
+    model, by their documentation.
+    """
+    kinds = told.thinkings or ()
+    return replace(told, temperature=False) if Thinking.adaptive in kinds and BUDGETED not in kinds else told
 
 
 def question(provider: str, model: str) -> Json:
@@ -87,7 +97,7 @@ def recorded_capabilities(store: Store, provider: str, model: str) -> Capabiliti
     if told is None:
         return None
     place = f"{store.path(store.key(asked))}, answer"
-    return convert(Capabilities, told, place=place, error=StoreError, remedy="delete that file")
+    return _with_temperature(convert(Capabilities, told, place=place, error=StoreError, remedy="delete that file"))
 
 
 def known_capabilities(models: Store, completions: Store, provider: str, chosen: Choice) -> Capabilities:
@@ -109,15 +119,6 @@ def thinks(settings: tuple[tuple[str, Setting], ...]) -> bool:
     Requests with its older name `thinking_tokens` are sent as they always were: with one, and then without.
     """
     return dict(settings).get("thinking", Thinking.disabled) != Thinking.disabled
-
-
-def takes_settings(known: Capabilities, settings: Mapping[str, Setting]) -> bool | None:
-    """Answer whether a model takes the effort and the thinking of a request; None where one of them is not known."""
-    thinking = settings.get("thinking", settings.get("thinking_tokens"))
-    kind = thinking if thinking is None or isinstance(thinking, str) else BUDGETED
-    asked = ((settings.get("effort"), known.efforts), (kind, known.thinkings))
-    verdicts = [None if taken is None else value in taken for value, taken in asked if value is not None]
-    return False if False in verdicts else None if None in verdicts else True
 
 
 def takes_temperature(known: Capabilities, settings: tuple[tuple[str, Setting], ...]) -> bool | None:

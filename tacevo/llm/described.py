@@ -54,5 +54,5 @@ class DescribedLLM:
         if known is None:
             known = read_capabilities(self.catalogue.ask(served_as))
             if known != Capabilities():
-                self.store.keep(question(self.provider, model), to_json(known))
+                self.store.keep(question(self.provider, model), to_json(replace(known, temperature=None)))
         return known if known.retires else replace(known, retires=self.catalogue.end(served_as))

@@ -2,11 +2,11 @@
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field, replace
 
 from tacevo.errors import ConfigError, TransportError
-from tacevo.llm.capabilities import Capabilities, Catalogue, takes_settings, thinks
+from tacevo.llm.capabilities import Catalogue, thinks
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import Choice, choice
 from tacevo.llm.retry import DOUBTED, Fault, FaultKind, refused_setting, setting_to_drop
@@ -56,8 +56,6 @@ class Models:
     ) -> None:
         self.name = name
         self.catalogue = catalogue
-        #: What is known of the models, by name, before the first request.
-        self.known: Mapping[str, Capabilities] = {}
         self._recorded = recorded
         self._prices = prices
         self._unlabelled = unlabelled
@@ -84,10 +82,11 @@ class Models:
         return tuple(sorted({*refused, "temperature"}))
 
     def is_doubted(self, request: Request) -> bool:
-        """Answer whether a request has settings that many models refuse, and nothing says that this one takes them."""
-        settings = dict(request.settings)
-        doubted = bool(DOUBTED & settings.keys()) and not self._answers.get(choice(request), False)
-        return doubted and takes_settings(self.known.get(request.model, Capabilities()), settings) is not True
+        """Answer whether a request has settings that many models refuse, and none with these was answered in this run.
+
+        What the Models API tells settles it not: a model may take an effort and a thinking, and not both together.
+        """
+        return bool(DOUBTED & dict(request.settings).keys()) and not self._answers.get(choice(request), False)
 
     def refused(self, request: Request, fault: Fault) -> str | None:
         """Return which setting a refusal is about that is not dropped; None where it is about none."""
@@ -246,15 +245,14 @@ def settings_of(request: Request, always: Iterable[str]) -> set[str]:
 def _refusal(name: str, request: Request, fault: Fault) -> ConfigError:
     """Return the error about a setting that a server refuses; it names the setting as the user writes it."""
     value = dict(request.settings).get(name, request.max_tokens)
-    key = "thinking" if name == "thinking_tokens" else name
     shown = list(value) if isinstance(value, tuple) else value
     by_temperature = name == "effort" and request.temperature is None
     chosen = "; where temperature.carrier=effort chose it: set temperature.efforts" if by_temperature else ""
     return ConfigError(
         f"{shown}, which {request.model} refuses: {fault.message}",
-        place=f"llm.{key}",
+        place=f"llm.{name}",
         expected="a value that the model takes",
-        remedy=f"choose another value, leave llm.{key} out, or choose another llm.model{chosen}",
+        remedy=f"choose another value, leave llm.{name} out, or choose another llm.model{chosen}",
     )
 
 

@@ -43,11 +43,14 @@ from tacevo.records import Json
 #: The settings by which a provider draws tokens, and which a model may refuse; the last one named goes first.
 SAMPLING = ("temperature", "top_p", "top_k", "seed")
 
-#: The other settings that a server may refuse, by the names that servers have for them; without one of them a request
+_THINKING = r"\b(thinking|budget_tokens)\b"
+
+#: The other settings that a server may refuse, by the names that servers have for them. A request without one of them
 #: would be another one, so it is not sent again.
 _NAMED = {
     "effort": r"\b(output_config|reasoning_effort|effort)\b",
-    "thinking": r"\b(thinking|budget_tokens)\b",
+    "thinking": _THINKING,
+    "thinking_tokens": _THINKING,
     "max_tokens": r"\bmax_(completion_)?tokens\b",
     "stop_sequences": r"\bstop(_sequences)?\b",
 }
@@ -236,15 +239,10 @@ def setting_to_drop(fault: Fault, sent: Set[str]) -> str | None:
 
 def refused_setting(fault: Fault, sent: Set[str]) -> str | None:
     """Find the setting that a refusal is about and that is not dropped: of those sent, the one it names first."""
-    if fault.kind is not FaultKind.doubtful:
+    if fault.kind not in {FaultKind.doubtful, FaultKind.request}:
         return None
-    named = {name: re.search(pattern, fault.message) for name, pattern in _NAMED.items()}
-    places = {
-        written: match.start()
-        for name, match in named.items()
-        for written in (name, f"{name}_tokens")
-        if match is not None and written in sent
-    }
+    found = {name: re.search(pattern, fault.message) for name, pattern in _NAMED.items() if name in sent}
+    places = {name: match.start() for name, match in found.items() if match is not None}
     return min(places, key=lambda name: places[name], default=None)
 
 

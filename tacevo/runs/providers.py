@@ -100,13 +100,12 @@ class _Begun:
 
 
 def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begun) -> Provider:
-    """Let a provider of models be asked only once what its model takes has been checked."""
-    llm, models = config.llm, getattr(provider, "models", None)  # of ours, each has what it knows of its models
-    if models is None:
+    """Let a hosted provider of ours be asked only once what its model takes has been checked."""
+    llm = config.llm
+    if not llm.facts.host:
         return provider
 
     def check(known: Mapping[str, Capabilities]) -> None:
-        models.known = known
         for name in llm.names:
             check_asked(config, name, known[name])
         if not begun.is_without:
@@ -114,7 +113,7 @@ def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begu
 
     return DescribedLLM(
         provider,
-        models.catalogue,
+        provider.models.catalogue,  # type: ignore[attr-defined]  # known only where its room is installed
         store=store,
         mode=llm.mode,
         provider=llm.provider,
@@ -259,6 +258,8 @@ def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parame
         StoreError: what is recorded of the model is damaged.
     """
     llm, temperature = config.llm, config.temperature
+    if not llm.facts.is_model or temperature.carrier in {Carrier.words, Carrier.none}:
+        return
     settings = provider_settings(llm, config.own_settings(llm.provider))
     stores = Stores(Path(config.store.root))
     kinds = stores.of("models", Mode.replay), stores.of("completions", Mode.replay)
@@ -269,8 +270,9 @@ def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parame
         asked = llm.model if llm.models is None else llm.name
         others = "leave llm.thinking out" if llm.thinks else "choose another llm.model"
         raise ConfigError(
-            f"{llm.model if llm.models is None else llm.name}, which refuses temperatures"
-            + (" while it thinks" if llm.thinks else ""),
+            f"llm.thinking={llm.thinking}; requests that let a model think have none"
+            if llm.thinks
+            else f"{asked}, which refuses temperatures",
             place=place,
             expected="a model that takes a temperature",
             remedy=f"set {CARRIER}=words (it chooses a sentence of the task's library), effort (it chooses the model's "

@@ -92,9 +92,10 @@ def sweep(
         for job, status in statuses.items():
             if status.standing is Standing.finished:
                 directory.succeed(job)  # it may have been finished by `tacevo search`
-        for job, config in jobs.items():
-            if statuses[job].standing is Standing.waiting and config.llm.mode is not Mode.replay:
-                check_carrier(config)
+        left = [config for job, config in jobs.items() if statuses[job].standing is Standing.waiting]
+        asking = {(config.llm, config.temperature): config for config in left if config.llm.mode is not Mode.replay}
+        for config in asking.values():
+            check_carrier(config)
         every = (*before, *(job for job in jobs if job not in before))
         terms = settled(directory, asked, first)  # again, since nobody else can write now
         if not directory.is_one:

@@ -304,7 +304,7 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"llm.label"}  # which stands for the model, below
     listed |= {"llm.space"}  # which decides where there is one: tests/rooms/grammar/test_space.py
     listed |= {"search.networks"}  # whose texts are the task's, in the header: tests/rooms/pairs
-    listed |= {"temperature.efforts"}  # which decides with temperature.carrier=effort only: test_carriers.py
+    listed |= {"temperature.efforts"}  # which decides with temperature.carrier=effort only: test_carrier_settings.py
     listed |= {"llm.models", "llm.choice"}  # which stand in the place of llm.model: tests/evolution/test_models.py
     listed |= {"archive.kept"}  # which decides with archive.kind=best only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.

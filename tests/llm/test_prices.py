@@ -14,12 +14,14 @@ from refusals import refused
 
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError
-from tacevo.llm.prices import PriceTable, likely_tokens, most_input_tokens, worst_case
-from tacevo.records import Completion, Delivery, Price, Request
+from tacevo.llm.prices import PriceTable, likely_tokens, line_to_add, most_input_tokens, worst_case
+from tacevo.records import Completion, Delivery, Price, Request, to_json
 from tacevo.runs.providers import load_prices
 
 TABLE = load_prices("prices.yaml")
 ENTRY: dict[str, Any] = {"input_usd": 1, "output_usd": 2.0, "dated": "2026-11-21", "source": "a page"}
+
+LONG: dict[str, Any] = {"above_tokens": 10, "input_usd": 1, "output_usd": 2.0}
 
 
 def request(text: str = "hello", *, model: str = "claude-3-haiku-20240307", max_tokens: int = 100) -> Request:
@@ -93,6 +95,34 @@ def test_worst_case_is_priced_with_the_longest_answer() -> None:
     assert worst_case(price, request()) == pytest.approx((14 + 128 + 200) / 1e6)
 
 
+def test_long_prompt_has_a_price_of_its_own() -> None:
+    """By hand, at 0.10 and 0.50 dollars up to 100,000 tokens and five times that beyond, of all tokens of a request."""
+    listed, asked = TABLE.price("claude-haiku-5-5", Delivery.batch), request(model="claude-haiku-5-5")
+    assert listed is not None
+    read = replace(answer("claude-haiku-5-5"), delivery=Delivery.batch)
+    short, long = (TABLE.price_of(asked, replace(read, input_tokens=tokens)) for tokens in (100_000, 100_001))
+    assert short is not None
+    assert long is not None
+    assert (short.cost(1e6, 1e6), long.cost(1e6, 1e6)) == (0.3, 1.5)
+    assert "long" not in to_json(short).keys() | to_json(long).keys()
+    assert TABLE.price_of(replace(asked, system="x" * 100_001), replace(read, input_tokens=None)) == long
+    assert worst_case(listed, request(model="claude-haiku-5-5")) == pytest.approx(short.cost(142, 100))
+    assert worst_case(listed, request("x" * 100_000, model="claude-haiku-5-5")) == pytest.approx(
+        long.cost(100_137, 100)
+    )
+
+
+@pytest.mark.parametrize("name", ["claude-x", "llama3:8b", "a/b", "- x", "{", 'say "hi"'])
+def test_line_that_a_table_lacks_is_one_that_it_takes(name: str, tmp_path: Path) -> None:
+    """With numbers, a day and a page in place of its words, whatever the model is called."""
+    line = line_to_add(name)
+    for word, value in {": X": ": 1", ": Y": ": 2", "YYYY-MM-DD": "2026-11-28", "PAGE": "mine"}.items():
+        line = line.replace(word, value)
+    (tmp_path / "my.yaml").write_text(f"batch_factor: 0.5\nmodels:\n  {line}\n", encoding="utf-8")
+    price = load_prices(str(tmp_path / "my.yaml")).price(name, Delivery.direct)
+    assert price == Price(input_usd=1.0, output_usd=2.0, dated="2026-11-28")
+
+
 @pytest.mark.parametrize(
     ("table", "key"),
     [
@@ -106,6 +136,8 @@ def test_worst_case_is_priced_with_the_longest_answer() -> None:
         ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "input_usd": -1}}}, "models.m.input_usd"),
         ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "output_usd": float("nan")}}}, "models.m.output_usd"),
         ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "retired": "soon"}}}, "models.m.retired"),
+        ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "long": {**LONG, "input_usd": -1}}}}, "models.m.long"),
+        ({"batch_factor": 0.5, "models": {"m": {**ENTRY, "long": {**LONG, "more": 1}}}}, "models.m.long.more"),
     ],
 )
 def test_malformed_table_is_refused_by_its_key(table: object, key: str, tmp_path: Path) -> None:

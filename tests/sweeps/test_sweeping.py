@@ -254,6 +254,16 @@ def test_failed_and_stopped_jobs_are_given_again(place: Path) -> None:
     assert second.calls == [["none-seed0", "none-seed1"]]
 
 
+def test_carriers_of_the_temperature_are_arms(place: Path) -> None:
+    """Those that carry it, and that nothing does; each is a search of its own."""
+    arms = [f"temperature.carrier={carrier}" for carrier in ("parameter", "words", "effort", "none")]
+    settings = [*SHARED, "temperature.carrier=parameter,words,effort,none", "seed=0"]
+    _, asked = sweep(settings, "all", Heard(), launched := Launched())
+    assert len({status.job.config for status in asked}) == 4
+    assert [status.job.arm for status in asked] == arms
+    assert launched.calls == [[f"temperature.carrier-{arm.partition('=')[2]}-seed0" for arm in arms]]
+
+
 def test_more_arms_and_seeds_add_jobs(place: Path) -> None:
     """A command with others runs those only, and sweep.json lists all, each once."""
     launched = Launched()

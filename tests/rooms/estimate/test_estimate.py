@@ -182,6 +182,40 @@ def test_recorded_answers_of_generation_0_cost_nothing(overrides: Estimating) ->
     assert "answers are like the mean of the 3 recorded ones of this model" in described(compose(overrides()))
 
 
+@pytest.mark.few(2)
+@pytest.mark.parametrize(
+    ("thinking", "most"), [("1000", 1000), ("adaptive", 4096), ("4095", 4096), ("disabled", 0), ("null", 0)]
+)
+def test_thinking_is_counted_with_each_answer(thinking: str, most: int, overrides: Estimating) -> None:
+    """As much as the model may think, and never more than an answer may have in all."""
+    plain = estimate(compose(overrides()))
+    estimated = estimate(compose(overrides(f"llm.thinking={thinking}", "llm.max_tokens=4096")))
+    each = plain.output_tokens / plain.requests
+    assert estimated.output_tokens == plain.requests * min(each + most, 4096)
+    assert estimated.input_tokens == plain.input_tokens
+
+
+@pytest.mark.slow
+def test_answers_with_another_effort_say_nothing(overrides: Estimating) -> None:
+    """Nor do those with another thinking; the older name of a thinking is the same one."""
+    for number, chosen in enumerate(["llm.effort=max", "llm.thinking=adaptive", "llm.thinking_tokens=1024"], start=1):
+        record(overrides(chosen), first_requests(overrides(chosen))[:number], tokens=(number, number))
+    samples = {
+        chosen: estimate(compose(overrides(chosen))).samples
+        for chosen in ("llm.effort=null", "llm.effort=max", "llm.effort=low", "llm.thinking=1024", "llm.thinking=1025")
+    }
+    assert list(samples.values()) == [0, 1, 0, 3, 0]
+
+
+def test_line_that_the_price_table_lacks_is_shown(overrides: Estimating) -> None:
+    """For the table that is read, or for one of the user's own where that is not about the server."""
+    line = "llama: {input_usd: X, output_usd: Y, "
+    assert line in described(compose(overrides("llm.model=llama")))
+    told = described(compose(overrides("llm.model=llama", "llm.base_url=http://localhost:1")))
+    assert line in told
+    assert "llm.prices=FILE" in told
+
+
 def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
     """Both columns of the table, from the price table and the tokens."""
     estimated = estimate(compose(overrides()))

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ from checkout import ROOT, SHARED
 from hosted import batched, hosted
 from llm_script import key_of
 from llm_server import recorded_answers, serving
+from refusals import refused
 
+from tacevo.errors import ConfigError
 from tacevo.evolution.development import LLM
 from tacevo.records import Completion, Request
 
@@ -72,6 +75,23 @@ def test_every_recorded_answer_comes_whole_through_the_sdks(provider: str, tmp_p
     assert [(each.text, each.stop_reason) for each in given] == [
         (file["response"], file["stop_reason"]) for file in files.values()
     ]
+
+
+@pytest.mark.usefixtures("keys")
+def test_server_takes_the_part_of_a_model() -> None:
+    """Started by hand with `--like`, it refuses, thinks and tells as that model does, and lacks all others."""
+    command = [sys.executable, str(SERVER), "--like", "claude-haiku-5-5"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        llm = hosted(process.stdout.readline().strip())
+        asked = replace(request("a"), model="claude-haiku-5-5")
+        (completion,) = answers(llm, [asked])
+        assert (completion.text, completion.dropped, completion.output_tokens) == ("a!", ("temperature",), 37)
+        with refused(ConfigError, place="llm.thinking"):
+            answers(llm, [replace(asked, settings=(("thinking", 1024),))])
+        with refused(ConfigError, expected="a model that the server has (claude-haiku-5-5)"):
+            answers(llm, [request("a")])
+        process.send_signal(signal.SIGINT)
 
 
 @recorded_ones

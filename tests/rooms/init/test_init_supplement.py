@@ -45,14 +45,16 @@ def test_prompts_are_the_pages(page: Path, name: str, options: list[str], texts:
     """Word for word, but for the two marks that the next message answers; all else is that of the task it is like."""
     assert main(["init", name, "--from-supplement", str(page), *options]) == 0
     like = options[-1] if options else name.split("-", maxsplit=1)[0]
-    config, usual = compose([f"task={name}"]), compose([f"task={like}"])
+    worded = "temperature.carrier=words"
+    config, usual = compose([f"task={name}", worded]), compose([f"task={like}", worded])
     task, old = (load_task(each, facts_without_data(each)) for each in (config, usual))
     assert [instruction.text for instruction in task.instructions] == texts
     assert task.system.startswith(words)
     assert "{" not in task.system
-    assert (task.baseline, task.crossover, task.contract, task.name) == (
+    assert (task.baseline, task.crossover, task.boldness, task.contract, task.name) == (
         old.baseline,
         old.crossover,
+        old.boldness,
         old.contract,
         old.name,
     )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_runs import altered, closed, elite, rejected, run, trained
+from hand_runs import altered, closed, configured, elite, rejected, run, trained
 
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.page.of_run import RunMaterial, read_texts, run_contents, run_sources
@@ -18,6 +18,7 @@ from analysis.rounding import shown
 from analysis.runs.niches import Niches
 from analysis.sweeps.ablation import compare_arms
 from analysis.tables.dynamics import reestimated
+from tacevo.choices import Carrier, Effort
 from tacevo.evolution.archive import AddStatus, find_centroids
 from tacevo.gate.imports import with_imports
 from tacevo.records import to_json
@@ -45,6 +46,24 @@ def whole(published: Path) -> tuple[Collection, dict[str, Any]]:
         collection=collection, texts=read_texts(collection.run)[0], tables=tables_of(collection, None)
     )
     return collection, run_contents(material)
+
+
+@pytest.mark.parametrize("carrier", ["parameter", "words", "effort", "none"])
+def test_page_has_what_carries_temperatures(carrier: str) -> None:
+    """The sentences, and what each request's temperature chose; nothing new where it is sent as such."""
+    chosen: dict[str, Any] = {"level": 2} if carrier in {"words", "effort"} else {}
+    chosen |= {"effort": Effort.medium} if carrier == "effort" else {}
+    asked = replace(trained(1, 0), carrier=Carrier(carrier), **chosen)
+    given = run([trained(0, 0), asked], [closed(0), closed(1)])
+    sentences = ("a", "b", "c", "d", "e") if carrier == "words" else ()
+    record = replace(given.record, task=replace(given.record.task, boldness=sentences))
+    temperature = {} if carrier == "parameter" else {"temperature": {"carrier": carrier}}
+    shown = contents(altered(replace(given, record=record), config=configured(**temperature)))
+    assert shown.get("boldness", ()) == sentences
+    assert shown["settings"]["temperature"].get("carrier", "parameter") == carrier
+    line = {name: shown["candidates"][1].get(name) for name in ("carrier", "level", "effort")}
+    expected = {"carrier": None if carrier == "parameter" else carrier, "level": None, "effort": None, **chosen}
+    assert line == expected
 
 
 def test_page_says_what_was_not_learned() -> None:
