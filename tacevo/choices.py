@@ -118,6 +118,8 @@ class Tell(StrEnum):
 
     #: The fitness, parameters and FLOPs of the parents and of the baseline.
     fitness = "fitness"
+    #: A control for `fitness`: the same lines, each with the figures of another network.
+    shuffled = "shuffled"
     #: The reasons for which the gate rejected candidates of the last generation.
     failures = "failures"
     #: The three best networks so far.

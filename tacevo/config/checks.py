@@ -23,6 +23,7 @@ from tacevo.choices import (
     SimulatedSensor,
     SplitRule,
     SystemTurn,
+    Tell,
 )
 from tacevo.config.recorded_parts import check_code, constant
 from tacevo.config.schema import (
@@ -256,7 +257,10 @@ def _check_parents(config: RunConfig) -> None:
     why = "which cannot draw a network at random: llm=grammar can"
     _check_that(draws, "proposals.parents", f"another one with llm={provider}, {why}", parents)
     why = f"with proposals.parents={parents}, whose requests have no parent"
-    _check_that(has_parents or not config.prompts.tells, "prompts.tells", f"[] {why}", config.prompts.tells)
+    tells = config.prompts.tells
+    _check_that(has_parents or not tells, "prompts.tells", f"[] {why}", tells)
+    once = not {Tell.fitness, Tell.shuffled} <= {*tells}
+    _check_that(once, "prompts.tells", "fitness, or its control shuffled, and not both", tells)
     whole = has_parents or config.prompts.answer is AnswerForm.whole
     _check_that(whole, "prompts.answer", f"whole {why}", config.prompts.answer)
     counts = not constant(config, PARENTS, "counts_elites") or constant(config, ARCHIVES, "has_niches")

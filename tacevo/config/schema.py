@@ -330,7 +330,8 @@ class PromptsConfig(Record):
     policy: Part  #: how an instruction is drawn
     #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
     pool: OneToMillion | None = None
-    #: What a request tells beside parents and instruction: fitness, failures, best, notes; [] for nothing.
+    #: What a request tells beside parents and instruction: fitness, failures, best, notes; [] for nothing. `shuffled`
+    #: is a control for `fitness`, with the figures of other networks.
     tells: Tells = ()
     answer: AnswerForm = AnswerForm.whole  #: whole: the class; edit: search and replace in the (first) parent
 

@@ -131,6 +131,7 @@ def told_text(
     """
     sections = {
         Tell.fitness: _figures(parents, baseline),
+        Tell.shuffled: _figures(*_shuffled(parents, baseline, list(candidates.values()))),
         Tell.failures: _failures(rejections),
         Tell.best: _best(fittest(candidates.values(), _BEST), parents),
         Tell.notes: _notes(notes),
@@ -202,6 +203,18 @@ def _figures(parents: Sequence[parts.Candidate], baseline: parts.Candidate | Non
     known = [*zip(names, parents, strict=True), *([("Baseline", baseline)] if baseline is not None else [])]
     words = "Fitness is from validation losses of a short training; lower is better. FLOPs are of one image."
     return "\n".join([words, *(f"- {name}: {_figures_of(one)}" for name, one in known)])
+
+
+def _shuffled(
+    parents: Sequence[parts.Candidate], baseline: parts.Candidate | None, trained: Sequence[parts.Candidate]
+) -> tuple[Sequence[parts.Candidate], parts.Candidate | None]:
+    """Put another network in the place of each: that which came half of all networks later, or so much earlier."""
+    places = {one.id: place for place, one in enumerate(trained)}
+
+    def other(one: parts.Candidate) -> parts.Candidate:
+        return trained[(places[one.id] + len(trained) // 2) % len(trained)]
+
+    return [other(one) for one in parents], None if baseline is None else other(baseline)
 
 
 def _figures_of(one: parts.Candidate) -> str:

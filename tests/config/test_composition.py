@@ -66,6 +66,7 @@ ARMS = {
     "eff_ratio_only": {"archive.axes"},
     "linear_eff_ratio": {"archive.eff_ratio_scale"},
     "tell_fitness": {"prompts.tells"},
+    "tell_shuffled": {"prompts.tells"},
     "tell_failures": {"prompts.tells"},
     "tell_best": {"prompts.tells"},
     "tell_notes": {"prompts.tells"},

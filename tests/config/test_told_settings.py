@@ -20,6 +20,7 @@ SEVERAL = "llm.models={a: 1, b: 3}"
     [
         (["prompts.tells=[labels]"], "prompts.tells"),
         (["prompts.tells=best"], "prompts.tells"),
+        (["prompts.tells=[fitness,shuffled]"], "prompts.tells"),
         (["prompts.answer=diff"], "prompts.answer"),
         (["llm=anthropic", "llm.models=[a]"], "llm.models"),
         (["llm=anthropic", "llm.models=[a,a]"], "llm.models"),

@@ -66,6 +66,16 @@ def test_figures_are_those_of_parents_and_baseline() -> None:
     ]
 
 
+def test_shuffled_figures_are_those_of_other_networks() -> None:
+    """The lines are those of `fitness`, and none has the figures of the network that it names."""
+    parents = [candidate(f"g01s0{slot}", f"class Net: x = {slot}\n", 0.1 * (slot + 1)) for slot in range(2)]
+    others = [candidate("g01s02", "class Net: x = 3\n", 0.7)]
+    own, shuffled = (told(tell, parents=parents, others=others).splitlines() for tell in (Tell.fitness, Tell.shuffled))
+    lines = [(one, two) for one, two in zip(own, shuffled, strict=True) if one.startswith("- ")]
+    assert len(lines) == 3
+    assert all(one.partition(":")[0] == two.partition(":")[0] and one != two for one, two in lines)
+
+
 def test_each_tell_is_of_what_the_search_knew_then() -> None:
     """Every figure, reason and note of a request is of an earlier generation, and of its own parents."""
     plan = fakes.plan(generations=5, telling=Told(tells=tuple(Tell)))

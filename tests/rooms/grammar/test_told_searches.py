@@ -25,6 +25,7 @@ SEARCH = [
 #: Each choice, and all together.
 TOLD = {
     "fitness": ["prompts.tells=[fitness]"],
+    "shuffled": ["prompts.tells=[shuffled]"],
     "failures": ["prompts.tells=[failures]"],
     "best": ["prompts.tells=[best]"],
     "notes": ["prompts.tells=[notes]"],
