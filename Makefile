@@ -16,7 +16,7 @@ test test-core test-parts test-slow test-all test-cluster test-cluster-all cover
 test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo examples test test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick mutants replay paper docs lock clean
+.PHONY: help setup demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick mutants replay paper docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -38,7 +38,7 @@ $(READY): requirements.lock torch.lock pyproject.toml
 	@touch $@
 
 $(DEV): $(READY) requirements-dev.lock
-	@echo "Installing what tests and checks need into $(VENV): 44 packages, 0.9 GB more."
+	@echo "Installing what tests and checks need into $(VENV): 45 packages, 0.9 GB more."
 	$(PIP) install --no-deps --require-hashes --requirement requirements-dev.lock
 	$(BIN)/pip check
 	@touch $@
@@ -49,6 +49,9 @@ demo: $(READY) ## run a small search, train its best networks again with other s
 
 test: $(DEV) ## run the quick tests, two at a time (ten minutes on two slow cores)
 	$(BIN)/pytest $(TWO)
+
+snapshots: $(DEV) ## write the texts anew that tests compare (tests/**/__snapshots__), to be read as a difference and committed
+	$(BIN)/pytest $(TWO) --snapshot-update
 
 test-core: $(DEV) ## the core's tests, or those of TESTS="DIR DIR", with every part that can be left out hidden from import
 	$(BIN)/pytest $(TWO) --without-rooms $(TESTS)

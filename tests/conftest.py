@@ -23,10 +23,12 @@ from checkout import SHARED, VARIABLE
 from filelock import FileLock
 from hypothesis import settings
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
+from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
     from slurm_cluster import Slurm
+    from syrupy.assertion import SnapshotAssertion
 
 pytest_plugins = ["hiding"]
 
@@ -105,6 +107,19 @@ def whole_search(once: Once) -> tuple[Path, str]:
     """Return the directory and the digest of an undisturbed search (`interruptions`); no test may change it."""
     folder = once("whole", lambda folder: interruptions.finish(interruptions.start(folder, UNTRACKED)))
     return folder, json.loads((folder / "run" / "run.json").read_text())["digest"]
+
+
+class _Text(SingleFileSnapshotExtension):
+    """Keeps each text in a file of its own, so that a difference is read as one of texts."""
+
+    _write_mode = WriteMode.TEXT
+    file_extension = "txt"
+
+
+@pytest.fixture
+def recorded_text(snapshot: "SnapshotAssertion") -> "SnapshotAssertion":
+    """Return what equals the text in the test's file below `__snapshots__`; `make snapshots` writes these anew."""
+    return snapshot.use_extension(_Text)
 
 
 @pytest.fixture

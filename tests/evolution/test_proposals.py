@@ -1,6 +1,6 @@
 """Promise: a generation's requests follow from the seed, the elites and the archives, as Algorithm 1 says.
 
-The texts of whole requests stand in tests/golden/ and change only on purpose: every recorded answer is stored
+The texts of whole requests stand in __snapshots__ and change only on purpose: every recorded answer is stored
 under them.
 """
 
@@ -11,10 +11,10 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
-from checkout import GOLDEN
 from hypothesis import given
 from hypothesis import strategies as st
 from probabilities import agrees
+from syrupy.assertion import SnapshotAssertion
 
 from tacevo.evolution import instructions, parents
 from tacevo.evolution.archive import Tessellation
@@ -111,11 +111,10 @@ def productive_archive() -> PromptArchive:
     return PromptArchive().record(Tessellation([(0.5, 0.5)]), trial, prompts=5, name="x")[0]
 
 
-@pytest.mark.parametrize(("name", "settings"), [("mutation", ALWAYS), ("crossover", NEVER), ("sample", RANDOM)])
-def test_request_is_golden(name: str, settings: Settings) -> None:
+@pytest.mark.parametrize("settings", [ALWAYS, NEVER, RANDOM], ids=["mutation", "crossover", "sample"])
+def test_request_is_golden(settings: Settings, recorded_text: SnapshotAssertion) -> None:
     """Every character and figure of a request is as recorded."""
-    golden = (GOLDEN / f"request_{name}.txt").read_text(encoding="utf-8")
-    assert text_of(requests_of(planned(settings))[0]) == golden
+    assert text_of(requests_of(planned(settings))[0]) == recorded_text
 
 
 def test_generation_zero_is_the_baseline_and_its_mutations() -> None:

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import pytest
-from checkout import GOLDEN
 from fakes import TASK
 from hand_runs import of_lines
 from ledger_lines import ended, header, rejected, run_record, trained
 from rendered import HOSTILE, skeleton
+from syrupy.assertion import SnapshotAssertion
 
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
@@ -63,10 +63,9 @@ LINES = (
 )
 
 
-def test_summary_is_golden() -> None:
+def test_summary_is_golden(recorded_text: SnapshotAssertion) -> None:
     """A whole summary; it calls each fitness one draw, and no improvement of one over another stands in it."""
-    golden = (GOLDEN / "summary.md").read_text(encoding="utf-8")
-    assert page_of(*LINES, elites=["g01s00", "g00s01"]) == golden
+    assert page_of(*LINES, elites=["g01s00", "g00s01"]) == recorded_text
 
 
 @pytest.mark.parametrize("text", HOSTILE)

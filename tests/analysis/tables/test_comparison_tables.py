@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from checkout import GOLDEN
 from studies import FOUR, around, in_text, study_of, study_of_outputs
+from syrupy.assertion import SnapshotAssertion
 
 from analysis.studies.comparison import compare
 from analysis.table import Interval, Percent, PercentInterval
@@ -24,10 +24,9 @@ from tacevo.records import Kind
 STUDY = study_of(FOUR)
 
 
-def test_tables_of_a_study_are_golden() -> None:
+def test_tables_of_a_study_are_golden(recorded_text: SnapshotAssertion) -> None:
     """All four, with their notes, unrounded; another bit in any figure would show."""
-    expected = (GOLDEN / "study_tables.txt").read_text(encoding="utf-8")
-    assert "\n".join(in_text(table) for table in study_tables(STUDY, compare(STUDY))) == expected
+    assert "\n".join(in_text(table) for table in study_tables(STUDY, compare(STUDY))) == recorded_text
 
 
 def test_scores_are_quartiles_by_hand() -> None:

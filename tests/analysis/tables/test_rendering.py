@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from checkout import GOLDEN
 from refusals import refused
 from rendered import HOSTILE, skeleton
+from syrupy.assertion import SnapshotAssertion
 
 from analysis.report.writing import index_of, write_tables
 from analysis.rounding import shown
@@ -99,9 +99,9 @@ def test_what_is_no_number_is_refused_in_every_format(cell: Cell, tmp_path: Path
 
 
 @pytest.mark.parametrize("ending", [".md", ".tex", ".csv"])
-def test_written_tables_are_the_golden_ones(ending: str) -> None:
-    """The three files of one table, byte for byte."""
-    assert table_texts(TABLE)[ending].encode() == (GOLDEN / f"study_force{ending}").read_bytes()
+def test_written_tables_are_the_golden_ones(ending: str, recorded_text: SnapshotAssertion) -> None:
+    """The three files of one table, letter by letter."""
+    assert table_texts(TABLE)[ending] == recorded_text
 
 
 @pytest.mark.parametrize("text", HOSTILE)

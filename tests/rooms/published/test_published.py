@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import hand_runs
 import pytest
-from checkout import GOLDEN
 from hand_runs import altered
 from studies import in_text
+from syrupy.assertion import SnapshotAssertion
 
 from analysis.table import Percent
 from analysis.tables.published import PRINTED, Finding, beside_published, corrected, published_tables
@@ -67,10 +67,9 @@ def test_printed_figures_fit_each_other() -> None:
     assert printed["grating", "baseline", "test accuracy, median of 20 seeds"] == f"{350 / 351:.1%}".replace("%", " %")
 
 
-def test_published_tables_are_golden() -> None:
+def test_published_tables_are_golden(recorded_text: SnapshotAssertion) -> None:
     """Every printed value and every mark, letter by letter."""
-    expected = (GOLDEN / "published_tables.txt").read_text(encoding="utf-8")
-    assert "\n".join(in_text(table) for table in published_tables()) == expected
+    assert "\n".join(in_text(table) for table in published_tables()) == recorded_text
 
 
 #: The paper's set-up, as this project has it.
