@@ -100,8 +100,8 @@ def test_what_is_no_number_is_refused_in_every_format(cell: Cell, tmp_path: Path
 
 @pytest.mark.parametrize("ending", [".md", ".tex", ".csv"])
 def test_written_tables_are_the_golden_ones(ending: str, recorded_text: SnapshotAssertion) -> None:
-    """The three files of one table, letter by letter."""
-    assert table_texts(TABLE)[ending] == recorded_text
+    """The three files of one table, letter by letter; the ends of lines of CSV are written out."""
+    assert table_texts(TABLE)[ending].replace("\r\n", "\\r\\n\n") == recorded_text
 
 
 @pytest.mark.parametrize("text", HOSTILE)
