@@ -31,7 +31,7 @@ WITH = MappingProxyType(
         "figures": ("data check",),  # both draw images, with Matplotlib
         "data check": ("figures", "simulator", "tacverse"),  # its tests look at their data
         "page": ("figures", "data check", "Pareto", "alarms"),  # which draw its sample images, and what it shows
-        "document": ("figures", "data check", "motifs"),
+        "document": ("figures", "data check", "motifs", "published"),
         "crate": PUBLISHING,
         "ray": ("gpus",),
         "table": ("grammar",),  # whose networks it lists
