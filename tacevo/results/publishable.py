@@ -36,6 +36,11 @@ def _named(value: str) -> str:
     return re.sub(r"[^\s,\[\]'\"]+\.py\\?:(\w+)", r"\1", value)
 
 
+def _each_relative(value: str) -> str:
+    """Shorten each path of a list as a user writes it, such as `[nets/*.py,/home/me/one.py]`."""
+    return re.sub(r"[^\[\],'\"]+", lambda path: relative(path[0]), value)
+
+
 #: Settings that are paths, with the function that shortens each for publication.
 _PATHS: Mapping[str, Callable[[str], str]] = {
     **{kind.setting: _named for kind in DECIDING},
@@ -45,6 +50,7 @@ _PATHS: Mapping[str, Callable[[str], str]] = {
     "data.sensor": relative,
     "data.pattern": relative,
     "llm.prices": last_part,
+    "search.networks": _each_relative,
     "task.baseline": relative,
     "task.instructions": relative,
     "task.system": relative,
@@ -116,6 +122,8 @@ def other_device(own: RunConfig, other: RunConfig, *, eager: bool = False) -> tu
 
 
 def _shortened(key: str, value: Json) -> Json:
+    if isinstance(value, list | tuple):
+        return [_shortened(key, each) for each in value]
     return _PATHS[key](value) if key in _PATHS and isinstance(value, str) else value
 
 

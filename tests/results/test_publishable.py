@@ -1,5 +1,7 @@
 """Promise: published settings name no directory of a machine, and overrides give what the configuration says."""
 
+from pathlib import Path
+
 import pytest
 from refusals import refused
 
@@ -97,3 +99,14 @@ def test_label_stands_for_a_model_that_is_a_path() -> None:
     assert from_plain(labelled).llm.name == "llama-8b"
     assert published_overrides(chosen) == ("llm=openai", "llm.model=llama")
     assert published_overrides(["llm.model=meta/llama"]) == ("llm.model=meta/llama",)
+
+
+def test_given_networks_keep_their_last_parts(tmp_path: Path) -> None:
+    """Each of a list, in the settings and in the overrides of a sweep."""
+    for name in ("one.py", "other.py"):
+        (tmp_path / "secret" / name).parent.mkdir(exist_ok=True)
+        (tmp_path / "secret" / name).write_text("class Net: pass\n")
+    override = f"search.networks=[{tmp_path}/secret/one.py,{tmp_path}/secret/other*]"
+    config = to_json(compose(["experiment=demo", override]))
+    assert value_at(published_config(config), ("search", "networks")) == ["one.py", "other*"]
+    assert published_overrides([override]) == ("search.networks=[one.py,other*]",)
