@@ -63,12 +63,11 @@ ANSWERS = {
 #: The columns of the comparison, an arm a row: pairs with the reference, and the questions with a pair of which both
 #: trained; the factor of the loss (below 1 lower than the reference's) with its interval of 95 %, p of a factor of 1
 #: before and after Holm's correction; the deviation of a question's difference of logarithms; the share of its answers
-#: that trained, and p of the pairs of which one alone did; mean characters and tokens.
+#: that trained, p of the questions of which one arm trained more, and Holm's; mean characters and tokens.
 ARMS = (
     {"pairs": "int64", "questions": "int64"}
-    | dict.fromkeys(
-        ("factor", "factor_low", "factor_high", "p", "p_holm", "deviation", "trained", "trained_p"), "float64"
-    )
+    | dict.fromkeys(("factor", "factor_low", "factor_high", "p", "p_holm", "deviation"), "float64")
+    | dict.fromkeys(("trained", "trained_p", "trained_p_holm"), "float64")
     | dict.fromkeys(("input_characters", "output_characters", "input_tokens", "output_tokens"), "float64")
 )
 
@@ -98,6 +97,8 @@ class Pairs:
     diversity: pd.DataFrame | None
     #: Slots of arms that ask another question than the reference's, or that the reference does not have.
     unpaired: Mapping[str, int]
+    #: Slots of arms whose request is the reference's, so that both have one recorded answer.
+    shared: Mapping[str, int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,13 +163,15 @@ def compare_pairs(
     frame = pd.DataFrame(measured, columns=list(ANSWERS)).astype(ANSWERS)
     rows = {arm: _comparison(frame[frame.arm == arm], pairs[arm] if arm != wanted else None) for arm in by_arm}
     _correct(rows, ["p"])
+    _correct(rows, ["trained_p"])
     several = any(one.run.config.proposals.answers > 1 for one in sweep.finished)
     return Pairs(
         reference=wanted,
         answers=frame,
         arms=pd.DataFrame.from_dict(rows, orient="index", columns=list(ARMS)).astype(ARMS),
         diversity=_diversity(by_arm, wanted, operations) if several else None,
-        unpaired={arm: len(own) - len(pairs[arm]) for arm, own in by_arm.items() if len(own) > len(pairs[arm])},
+        unpaired=_counts(by_arm, wanted, lambda own, other: other is None or own.asked != other.asked),
+        shared=_counts(by_arm, wanted, lambda own, other: other is not None and own.line.request == other.line.request),
     )
 
 
@@ -202,10 +205,23 @@ def _answers_of(arm: str, seed: int, run: RecordedRun) -> Iterator[_Answer]:
 def _paired(
     own: Mapping[tuple[int, int], _Answer], others: Mapping[tuple[int, int], _Answer]
 ) -> Iterator[tuple[_Answer, _Answer]]:
+    """Yield answers of two arms to one question; equal requests are one request, which has one answer in both."""
     for place, answer in own.items():
         other = others.get(place)
-        if other is not None and other.asked == answer.asked:
+        if other is not None and other.asked == answer.asked and other.line.request != answer.line.request:
             yield answer, other
+
+
+def _counts(
+    by_arm: Mapping[str, Mapping[tuple[int, int], _Answer]], reference: str, counts: Callable[[_Answer, Any], bool]
+) -> dict[str, int]:
+    """Count by arm the answers that are so beside the reference's answer in their slot; only arms that have some."""
+    found = {
+        arm: sum(counts(answer, by_arm[reference].get(place)) for place, answer in own.items())
+        for arm, own in by_arm.items()
+        if arm != reference
+    }
+    return {arm: count for arm, count in found.items() if count}
 
 
 def _row(answer: _Answer) -> dict[str, Any]:
@@ -228,7 +244,7 @@ def _lengths(answers: Sequence[_Answer]) -> dict[str, dict[str, int | None]]:
     for stores in dict.fromkeys(answer.run.stores for answer in answers):
         for entry in Store(stores, "completions").sound():
             name = content_hash(entry.request)
-            if name in wanted - found.keys():
+            if name in wanted and name not in found:
                 with contextlib.suppress(StoreError):
                     found[name] = _length(
                         convert(Request, entry.request, place="request", error=StoreError),
@@ -254,13 +270,17 @@ def _comparison(own: pd.DataFrame, pairs: Sequence[tuple[_Answer, _Answer]] | No
     if pairs is None:
         return row
     differences = _by_question(
-        (own.place[0], own.question, _log(own.line.fitness) - _log(other.line.fitness))
+        (own.asked, _log(own.line.fitness) - _log(other.line.fitness))
         for own, other in pairs
         if own.line.fitness is not None and other.line.fitness is not None
     )
-    trained = [tuple(each.line.fitness is not None for each in pair) for pair in pairs]
     row |= {"pairs": len(pairs), "questions": len(differences)}
-    row["trained_p"] = sign_p(trained.count((True, False)), trained.count((False, True)))
+    if pairs:
+        more = _by_question(
+            (own.asked, float(own.line.fitness is not None) - float(other.line.fitness is not None))
+            for own, other in pairs
+        )
+        row["trained_p"] = sign_p(sum(each > 0 for each in more), sum(each < 0 for each in more))
     if (found := _estimate(differences)) is not None:
         mean, low, high, p = found
         row |= {name: rounded(math.exp(value)) for name, value in zip(_FACTOR, (mean, low, high), strict=True)}
@@ -281,11 +301,15 @@ def _diversity(
         common = [key for key in questions if key in measured[reference]]
         row: dict[str, float] = {"questions": len(common)}
         for measure in ("text", "operations", "equal"):
-            own = [questions[key][measure] for key in common if measure in questions[key]]
+            both = [
+                (questions[key][measure], measured[reference][key][measure])
+                for key in common
+                if measure in questions[key] and measure in measured[reference][key]
+            ]
+            own, others = zip(*both, strict=True) if both else ((), ())
             row |= {measure: rounded(fmean(own))} if own else {}
             if arm == reference or not own:
                 continue
-            others = [measured[reference][key][measure] for key in common if measure in questions[key]]
             if (found := _estimate(np.subtract(own, others))) is not None:
                 ends = ("_difference", "_difference_low", "_difference_high", "_p")
                 row |= {f"{measure}{end}": value for end, value in zip(ends, found, strict=True)}
@@ -299,7 +323,7 @@ def _distances(answers: Iterable[_Answer], operations: Operations | None) -> dic
     questions: dict[Hashable, list[_Answer]] = {}
     for answer in answers:
         if answer.line.fitness is not None:
-            questions.setdefault((answer.seed, answer.question), []).append(answer)
+            questions.setdefault((answer.seed, answer.question, answer.asked), []).append(answer)
     called: dict[str, Mapping[str, Counter[str]] | None] = {}
     found: dict[Hashable, dict[str, float]] = {}
     for key, own in questions.items():
@@ -319,11 +343,11 @@ def _distances(answers: Iterable[_Answer], operations: Operations | None) -> dic
     return found
 
 
-def _by_question(differences: Iterable[tuple[int, int, float]]) -> list[float]:
-    """Return the mean of each question, since answers to one question are no draws of their own."""
-    questions: dict[tuple[int, int], list[float]] = {}
-    for seed, question, value in differences:
-        questions.setdefault((seed, question), []).append(value)
+def _by_question(differences: Iterable[tuple[Hashable, float]]) -> list[float]:
+    """Return the mean of each question, since several answers to one question are no draws of their own."""
+    questions: dict[Hashable, list[float]] = {}
+    for asked, value in differences:
+        questions.setdefault(asked, []).append(value)
     return [fmean(values) for values in questions.values()]
 
 

@@ -1,6 +1,6 @@
 """The tables of arms that are compared answer by answer."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from analysis.sweeps.pairs import GENERATION, LEAST, Pairs
 from analysis.table import Layout, PValue, Table, interval_cell, percent
@@ -21,7 +21,6 @@ def _losses(pairs: Pairs, name: str) -> Table:
         for unit, words in (("characters", "characters"), ("tokens", "tokens"))
         if frame[f"{way}_{unit}"].notna().any()
     }
-    left = [f"{arm} ({number})" for arm, number in pairs.unpaired.items()]
     return Table.of(
         frame,
         {
@@ -34,22 +33,24 @@ def _losses(pairs: Pairs, name: str) -> Table:
             "SD of a question": "deviation",
             "trained": (percent, "trained"),
             "p, trained": (PValue, "trained_p"),
+            "p, Holm, trained": (PValue, "trained_p_holm"),
             **lengths,
         },
         name="pairs",
         caption=f"Answers of {name} to the same questions, against those of {pairs.reference}.",
         notes=(
             f"A pair: the answers of two arms to one question in generation {GENERATION}, with the same parents, "
-            "instruction and seed. Questions: those with a pair of which both networks trained; several pairs of one "
-            "question count by their mean.",
+            "instruction and seed. Questions: parents and instructions with a pair of which both networks trained; "
+            "several pairs of one question count by their mean.",
             "Loss, factor: the geometric mean of the arm's recorded fitness as a multiple of the reference's, in "
             "brackets Student's interval of 95 %; below 1 the arm's networks are better. p: Wilcoxon's signed ranks; "
             f"corrected after Holm over the arms. Neither is given for fewer than {LEAST} questions.",
             "SD of a question: of the difference of logarithms. It says how many questions the next comparison needs: "
             "(2.8 SD / log factor)^2 for a power of 80 % at 5 %.",
-            "Trained: the part of the arm's answers that gave a trained network; its p is McNemar's, exact, over pairs "
-            "of which one alone trained.",
-            *([f"Without a partner, and left out: answers of {listed(left)}."] if left else []),
+            "Trained: the part of the arm's answers that gave a trained network; its p is that of the sign test over "
+            "questions of which one of both arms trained more.",
+            *_left_out("Without a partner", pairs.unpaired),
+            *_left_out("Asked by the very request of the reference, whose recorded answer both have", pairs.shared),
         ),
     )
 
@@ -78,7 +79,7 @@ def _diversity(pairs: Pairs, name: str) -> Table:
         caption=f"How far the answers of {name} to one question lie apart, against those of {pairs.reference}.",
         notes=(
             "Of each question, the mean over every two of its answers that trained; then the mean over questions that "
-            "both arms have. 0: alike, 1: nothing in common.",
+            "both arms have; the reference's own row is over all of its questions. 0: alike, 1: nothing in common.",
             "Text: Jaccard's distance of the runs of three tokens, without comments and layout. Operations: Jaccard's "
             "distance of the operations that the networks call, each as often as it is called. Equal networks: the "
             "part of the pairs of answers that are one network, whatever its comments and layout.",
@@ -87,6 +88,12 @@ def _diversity(pairs: Pairs, name: str) -> Table:
             "questions.",
         ),
     )
+
+
+def _left_out(why: str, counts: Mapping[str, int]) -> list[str]:
+    """Say which answers are no pairs, a sentence; nothing where there are none."""
+    arms = listed(f"{arm} ({number})" for arm, number in counts.items())
+    return [f"{why}, and left out: answers of {arms}."] if counts else []
 
 
 def _questions(is_reference: bool, questions: int) -> int | None:

@@ -25,6 +25,7 @@ CANDIDATES: Columns = {
     "carrier": "str",
     "level": "Int64",
     "effort": "str",
+    "model": "str",
     "outcome": "str",
     "stage": "str",
     "reason": "str",

@@ -626,12 +626,12 @@ def pairs(
 ) -> int:
     """Compare the arms of a sweep answer by answer: the same questions, asked in other ways.
 
-    Compare the arms of a sweep answer by answer. In the first generation after generation 0 the arms of a seed ask a
-    model for children of the same parents by the same instructions, so two answers differ by nothing but what tells the
-    arms apart. Print the tables, and write them as .tex, .md and .csv.
+    In the first generation after generation 0 the arms of a seed ask a model for children of the same parents by the
+    same instructions, so two answers differ by nothing but what tells the arms apart. Print the tables, and write them
+    as .tex, .md and .csv.
 
     Examples:
-      tacevo search -m experiment=pairs 'prompts.tells=[],[fitness],[failures]' seed=0,1,2 --into sweeps/tells
+      tacevo search -m experiment=pairs llm=anthropic 'prompts.tells=[],[fitness]' seed=0,1,2 --into sweeps/tells
       tacevo pairs sweeps/tells
 
     Args:

@@ -13,8 +13,10 @@ from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, un
 from analysis.report.outputs import outputs
 from analysis.report.sweep_collection import SweepCollection
 from analysis.report.writing import left_of_studies, write_tables
+from analysis.rounding import shown
+from analysis.statistics.effects import LEVEL, median_confidence
 from analysis.sweeps.arm_metrics import TESTED, Metric
-from analysis.table import Table
+from analysis.table import Percent, Table
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import FORMATS, Format, output_directory, tell
@@ -30,7 +32,10 @@ _ARMS, _REMARKS = 8, 4
 #: What is printed of it, beside the difference.
 _SHORT = frozenset({"arm", "seeds", "median", "p", "p, Holm", "A12"})
 
-_BRACKETS = "Medians and differences over seeds, in brackets 95 % intervals. A12: the chance that the arm has more."
+_BRACKETS = (
+    "Medians and differences over seeds; in brackets intervals that hold the true ones with a chance of {} or more."
+)
+_A12 = "A12: the chance that the arm has more, with its interval of 95 %."
 
 
 def run_figures(runs: Sequence[str], places: Sequence[Path], *, formats: Sequence[Format], store: str | None) -> int:
@@ -113,9 +118,15 @@ def _in_short(table: Table) -> Table:
     """Keep what fits on a screen of the comparison in one metric."""
     kept = [place for place, column in enumerate(table.columns) if column in _SHORT or "difference of" in column]
     rows = [[row[place] for place in kept] for row in table.rows]
+    seeds = [count for row in table.rows if isinstance(count := row[table.columns.index("seeds")], int) and count > 1]
+    chance = min([LEVEL, *map(median_confidence, seeds)])
     return replace(
         table,
         columns=tuple(table.columns[place] for place in kept),
         rows=tuple(map(tuple, rows[:_ARMS])),
-        notes=(*([f"And {counted(len(rows) - _ARMS, 'arm')} more."] if len(rows) > _ARMS else []), _BRACKETS),
+        notes=(
+            *([f"And {counted(len(rows) - _ARMS, 'arm')} more."] if len(rows) > _ARMS else []),
+            _BRACKETS.format(shown(Percent(chance))),
+            _A12,
+        ),
     )

@@ -80,14 +80,21 @@ def compose(overrides: Sequence[str]) -> RunConfig:
         if len(without) < len(others) or "data" in arm:
             used = _plain(chosen.data)
             check_used(config, used, _plain(_composed("config", without).data))
-    return with_all_sensors(_counting_networks(config), others)
+    return with_all_sensors(_counting_networks(config, others), others)
 
 
-def _counting_networks(config: RunConfig) -> RunConfig:
-    """Return a configuration whose `search.initial` is the number of networks that it gives, where it gives some."""
+def _counting_networks(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
+    """Return a configuration whose `search.initial` is the number of networks that it gives, where it gives some.
+
+    Raises:
+        ConfigError: the user set another number.
+    """
     if not config.search.networks:
         return config
     given = read_networks(config.search.networks, "search.networks")
+    if config.search.initial != len(given) and any(each.startswith("search.initial=") for each in overrides):
+        expected = f"{len(given)}, the number of networks of search.networks, or nothing"
+        raise ConfigError(str(config.search.initial), place="search.initial", expected=expected)
     return replace(config, search=replace(config.search, initial=len(given)))
 
 

@@ -11,7 +11,7 @@ import itertools
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from tacevo import parts
@@ -129,14 +129,14 @@ def told_text(
         rejections: what became of candidates of the last generation that the gate rejected, in the order of slots.
         notes: those of the answers that became the parents (`note_of`), in the order of the parents; empty for none.
     """
-    sections = {
-        Tell.fitness: _figures(parents, baseline),
-        Tell.shuffled: _figures(*_shuffled(parents, baseline, list(candidates.values()))),
-        Tell.failures: _failures(rejections),
-        Tell.best: _best(fittest(candidates.values(), _BEST), parents),
-        Tell.notes: _notes(notes),
+    sections: Mapping[Tell, Callable[[], str]] = {
+        Tell.fitness: lambda: _figures(parents, baseline),
+        Tell.shuffled: lambda: _shuffled(parents, baseline, list(candidates.values())),
+        Tell.failures: lambda: _failures(rejections),
+        Tell.best: lambda: _best(fittest(candidates.values(), _BEST), parents),
+        Tell.notes: lambda: _notes(notes),
     }
-    told = [section for tell, section in sections.items() if tell in tells and section]
+    told = [section for tell, write in sections.items() if tell in tells and (section := write())]
     return "\n\n".join([_OPENING, *told, _CLOSING]) if told else ""
 
 
@@ -207,14 +207,19 @@ def _figures(parents: Sequence[parts.Candidate], baseline: parts.Candidate | Non
 
 def _shuffled(
     parents: Sequence[parts.Candidate], baseline: parts.Candidate | None, trained: Sequence[parts.Candidate]
-) -> tuple[Sequence[parts.Candidate], parts.Candidate | None]:
-    """Put another network in the place of each: that which came half of all networks later, or so much earlier."""
+) -> str:
+    """Write figures with those of another network in the place of each: that which came half of all networks later.
+
+    From the last one on they are counted from the first again. Empty where there is no other network.
+    """
+    if len(trained) < 2:
+        return ""
     places = {one.id: place for place, one in enumerate(trained)}
 
     def other(one: parts.Candidate) -> parts.Candidate:
         return trained[(places[one.id] + len(trained) // 2) % len(trained)]
 
-    return [other(one) for one in parents], None if baseline is None else other(baseline)
+    return _figures([other(one) for one in parents], None if baseline is None else other(baseline))
 
 
 def _figures_of(one: parts.Candidate) -> str:

@@ -24,7 +24,7 @@ from tacevo.errors import ConfigError, StoreError, TransportError
 from tacevo.llm.anthropic import FAILURES, AnthropicServer, body_of, secrets_of
 from tacevo.llm.bodies import read_message
 from tacevo.llm.failures import Failures, Models, settings_of
-from tacevo.llm.recording import unkept
+from tacevo.llm.recording import choice, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_connection, fault_of_status
 from tacevo.parts.provider import Keep
 from tacevo.records import Completion, Delivery, Record, Request, to_json
@@ -113,7 +113,8 @@ class BatchLLM:
         submitted = [(path, record) for path, record in known if record.dropped.keys() & wanted.keys()]
         left = [key for key in wanted if all(key not in record.dropped for _, record in submitted)]
         # One goes ahead for each choice of settings that may be refused, so that a refusal costs one request.
-        left = [key for key in left if self.models.is_doubted(wanted[key][1])][:1] or left
+        first = {choice(wanted[key][1]): key for key in reversed(left) if self.models.is_doubted(wanted[key][1])}
+        left = [*first.values()] or left
         for start in range(0, len(left), MOST_REQUESTS):
             asked = {key: wanted[key][1] for key in left[start : start + MOST_REQUESTS]}
             dropped = {

@@ -84,7 +84,7 @@ class Models:
     def is_doubted(self, request: Request) -> bool:
         """Answer whether a request has settings that many models refuse, and none with these was answered in this run.
 
-        What the Models API tells settles it not: a model may take an effort and a thinking, and not both together.
+        What the Models API tells does not settle it: a model may take an effort and a thinking, and not both together.
         """
         return bool(DOUBTED & dict(request.settings).keys()) and not self._answers.get(choice(request), False)
 

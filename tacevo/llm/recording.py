@@ -33,14 +33,6 @@ def ever_answered(store: Store, request: Request) -> bool:
     return any(answer.text and choice(asked) == choice(request) for asked, answer in _recorded(store))
 
 
-def ever_refused(store: Store, chosen: Choice, setting: str) -> bool:
-    """Return whether a store holds an answer to requests of a choice that was got without a refused sampling setting.
-
-    A model may refuse a temperature beside one setting, such as thinking, and take it without.
-    """
-    return any(setting in answer.dropped and choice(asked) == chosen for asked, answer in _recorded(store))
-
-
 def temperature_taken(store: Store, chosen: Choice) -> bool | None:
     """Return whether requests of a choice were answered with their temperature; None where no answer tells."""
     for asked, answer in _recorded(store):

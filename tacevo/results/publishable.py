@@ -135,7 +135,7 @@ def published_overrides(overrides: Sequence[str]) -> tuple[str, ...]:
     """
     for override in overrides:
         key, _, value = override.partition("=")
-        if value.lstrip().startswith("{"):
+        if value.lstrip().startswith("{") and "." not in key:
             raise ConfigError(
                 f"{override}, which sets a whole group, so a path inside it cannot be removed",
                 expected="a sweep with one override per setting",

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import AnswerForm, ModelChoice, Thinking
+from tacevo.choices import AnswerForm, Carrier, ModelChoice, Thinking
 from tacevo.config.schema import UNCHOSEN, LLMConfig, RunConfig
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
@@ -69,12 +69,12 @@ def estimate(config: RunConfig) -> Estimate:
     with Decisions(None) as decisions:
         first = _first_requests(config, task, Parts.of(config, decisions))
     store = Store(Path(config.store.root), "completions", Mode.record)
-    search = config.search
+    search, initial = config.search, _initial(config)
     recorded = sum(store.read(to_json(request)) is not None for request in first)
     later = search.generations * search.candidates
     crossed = later * (1.0 - config.proposals.mutation_probability)
     mutation, crossover = _likely_inputs(task)
-    asked = search.initial - recorded + later
+    asked = initial - recorded + later
     inputs = (asked - crossed) * mutation + crossed * crossover
     answer, thinking = likely_tokens(task.baseline), _likely_thinking(config)
     outputs = float(asked * min(answer + (thinking or 0), max(answer, config.llm.max_tokens)))
@@ -88,7 +88,7 @@ def estimate(config: RunConfig) -> Estimate:
         samples += spent.answers
         by_model.append((share * tokens[0], share * tokens[1]))
     return Estimate(
-        requests=search.initial + later,
+        requests=initial + later,
         recorded=recorded,
         samples=samples,
         thinking_tokens=thinking,
@@ -105,9 +105,14 @@ def _shares(llm: LLMConfig) -> list[tuple[str, float]]:
     return [(name, weight / whole) for name, weight in weighed]
 
 
+def _initial(config: RunConfig) -> int:
+    """Return how many requests generation 0 has: none where networks are given."""
+    return 0 if config.search.networks else config.search.initial
+
+
 def _first_requests(config: RunConfig, task: Task, parts: Parts) -> list[Request]:
     """Return the requests of generation 0."""
-    settings, mutations = build_settings(config, parts), config.search.initial
+    settings, mutations = build_settings(config, parts), _initial(config)
     planned = plan_initial(task, settings, mutations=mutations, temperature=config.temperature.start)
     return [proposal.request for proposal in planned if proposal.request is not None]
 
@@ -160,7 +165,7 @@ def _basis(config: RunConfig, estimated: Estimate) -> str:
 
 
 def _likely_thinking(config: RunConfig) -> int | None:
-    """Return the most tokens that a model may think before an answer as long as the baseline's; None if it may not."""
+    """Return the most tokens that a model may think before an answer: 0 if it may not, None if nothing says whether."""
     llm = config.llm
     if llm.thinking is None and llm.thinking_tokens is None:
         return None
@@ -310,10 +315,12 @@ def _answers(config: RunConfig, model: str) -> Iterator[Completion]:
     One after the other: a store may be larger than the memory.
     """
     chosen = _effort_and_thinking(dict(provider_settings(config.llm)))
+    efforts = {*config.temperature.efforts} if config.temperature.carrier is Carrier.effort else {chosen[0]}
     for entry in scan(Path(config.store.root), ("completions",)):
         if entry.problem is not None:
             raise entry.problem
-        is_alike = entry.model == model and _effort_and_thinking(entry.settings) == chosen
+        effort, thinking = _effort_and_thinking(entry.settings)
+        is_alike = entry.model == model and effort in efforts and thinking == chosen[1]
         if is_alike and entry.completion is not None:
             yield entry.completion
 

@@ -33,7 +33,7 @@ from tacevo.llm.prices import PriceTable, line_to_add
 from tacevo.llm.recording import RecordingLLM
 from tacevo.parts.kinds import PROVIDERS
 from tacevo.parts.provider import Provider
-from tacevo.records import Completion, Json, Mode, Price, Request, Setting, to_json
+from tacevo.records import Completion, Json, LongPrompts, Mode, Price, Request, Setting, to_json
 from tacevo.redaction import names_place, without_password
 from tacevo.storage.canonical import canonical, content_hash, leaves
 from tacevo.storage.store import Store, Stores
@@ -200,8 +200,9 @@ def dearest(prices: Sequence[Price | None]) -> Price | None:
     known = [price for price in prices if price is not None]
     if len(known) < len(prices):
         return None
-    inputs, outputs = max(price.input_usd for price in known), max(price.output_usd for price in known)
-    return replace(known[0], input_usd=inputs, output_usd=outputs)
+    each: list[Price | LongPrompts] = [*known, *(price.long for price in known if price.long is not None)]
+    inputs, outputs = max(price.input_usd for price in each), max(price.output_usd for price in each)
+    return replace(known[0], input_usd=inputs, output_usd=outputs, long=None)
 
 
 def name_warning(llm: LLMConfig) -> str | None:
@@ -240,33 +241,33 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
             remedy=f"leave the setting out, or set {CARRIER}=words, effort or parameter",
         )
     if settings:
-        check_carrier(config, place=" ".join(settings))
+        check_carrier(config, place=" ".join(settings), compares=True)
 
 
 def _is_of_temperature(key: str) -> bool:
     return key.partition(".")[0] == TEMPERATURE
 
 
-def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parameter}") -> None:
+def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parameter}", compares: bool = False) -> None:
     """Check that what carries the temperature of a search can act on its model, as far as the stores say.
 
     An answer counts if it was given to the same model, token limit and settings. While a model thinks, no temperature
-    is ever sent. `place` is the setting that an error about the temperature names.
+    is ever sent. `place` is the setting that an error about the temperature names. Of several models it is enough if
+    one takes a temperature, but not where searches are to be compared (`compares`) that differ in it.
 
     Raises:
         ConfigError: the model refuses temperatures, or an effort.
         StoreError: what is recorded of the model is damaged.
     """
     llm, temperature = config.llm, config.temperature
-    if not llm.facts.is_model or temperature.carrier in {Carrier.words, Carrier.none}:
+    if not llm.facts.host or temperature.carrier in {Carrier.words, Carrier.none}:
         return
     settings = provider_settings(llm, config.own_settings(llm.provider))
     stores = Stores(Path(config.store.root))
     kinds = stores.of("models", Mode.replay), stores.of("completions", Mode.replay)
     models = {name: known_capabilities(*kinds, llm.provider, (name, llm.max_tokens, settings)) for name in llm.names}
-    # Where one of several models takes a temperature, the temperatures are not in vain.
-    refuse = all(takes_temperature(known, settings) is False for known in models.values())
-    if temperature.carrier is Carrier.parameter and refuse:
+    refusals = [takes_temperature(known, settings) is False for known in models.values()]
+    if temperature.carrier is Carrier.parameter and (any(refusals) if compares else all(refusals)):
         asked = llm.model if llm.models is None else llm.name
         others = "leave llm.thinking out" if llm.thinks else "choose another llm.model"
         raise ConfigError(

@@ -84,7 +84,7 @@ def search(config: RunConfig, view: Progress) -> Result:
         task = load_task(config, data.facts)
         if config.search.networks:
             files = read_networks(config.search.networks, "search.networks")
-            task = replace(task, given=admitted_networks(config, task, data, files))
+            task = replace(task, given=admitted_networks(config, task, data, files, "search.networks"))
         for warning in warnings_of(config, task, data):
             view.say(f"warning: {warning}")
         return record(config, task, data, view, started=started, llm=llm)

@@ -19,10 +19,12 @@ from pathlib import Path
 from tacevo.choices import Varied
 from tacevo.config.compose import compose, compose_estimate, spread
 from tacevo.config.identity import config_hash
+from tacevo.config.network_files import read_networks
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, telling
+from tacevo.gate.extraction import as_whole
 from tacevo.records import Mode
 from tacevo.redaction import check_address, secret_variables
 from tacevo.results.publishable import published_overrides
@@ -304,7 +306,9 @@ def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Stat
     record = begun.record
     if begun.ledger.lines and record is not None:
         check_is_run_of(job, begun)
-        if load_task(config, record.data) != replace(record.task, given=()):
+        given = read_networks(config.search.networks, "search.networks").values() if config.search.networks else ()
+        asked = tuple(replace(one, source=as_whole(one.source)) for one in given)
+        if replace(load_task(config, record.data), given=asked) != record.task:
             raise RunError(
                 f"a run with other texts of task {record.task.name}",
                 place=str(begun.run.path),

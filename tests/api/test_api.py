@@ -178,7 +178,7 @@ def test_every_column_has_values() -> None:
     shown = [run.candidates, run.generations, run.elites, run.prompts]
     shown += [study.networks, study.scores, study.verdicts, study.reestimates]
     missing = {name for frame in shown for name in frame.columns[frame.isna().all()]}
-    assert missing == {"cpu_seconds", "repaired", "skipped", "failed", "level", "effort"}
+    assert missing == {"cpu_seconds", "repaired", "skipped", "failed", "level", "effort", "model"}
     assert not any(frame.index.isna().any() for frame in shown)
 
 

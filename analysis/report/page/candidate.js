@@ -128,7 +128,7 @@ function requestOf(run, one) {
 function temperatureOf(run, one) {
     const value = number(one.temperature);
     if (one.dropped.includes("temperature"))
-        return `Temperature not sent, because the model refuses it (${value} was planned).`;
+        return `Temperature not sent, because ${run.why_not_sent ?? "the model refuses it"} (${value} was planned).`;
     if (one.carrier !== undefined && one.level === undefined)
         return `Temperature not sent${carriedBy(run)} (${value} was planned).`;
     const chosen = one.effort ? `effort ${one.effort}` : `“${run.boldness?.[one.level - 1]}”`;

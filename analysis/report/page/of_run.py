@@ -28,7 +28,7 @@ from analysis.tables.comparison import margin_in_words
 from analysis.tables.dynamics import reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.config.identity import identity
-from tacevo.evolution.lines import CandidateLine
+from tacevo.evolution.lines import TEMPERATURE, CandidateLine, why_not_sent
 from tacevo.evolution.run_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.grouped import in_groups
@@ -98,6 +98,7 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
         "instructions": to_json(task.instructions),
         "crossover": task.crossover,
         **({"boldness": task.boldness} if task.boldness else {}),
+        **({"why_not_sent": why_not_sent(TEMPERATURE, thinks=True)} if run.config.llm.thinks else {}),
         "candidates": _candidates(collection, given.texts),
         "generations": _generations(run, collection.niches.networks),
         "pareto": _pareto(collection),

@@ -106,15 +106,15 @@ def test_slots_of_a_question_ask_the_same_and_get_an_answer_each(sweep: Path, pa
 def test_factor_is_that_of_the_ledgers(sweep: Path, pairs: Pairs) -> None:
     """A question counts by the mean of its pairs of which both trained; the factor is the geometric mean over these."""
     own, other = _asked(sweep, "another"), _asked(sweep, "drawn")
-    questions: dict[tuple[int, int], list[float]] = {}
+    questions: dict[object, list[float]] = {}
     for (seed, slot), line in own.items():
         fitness = line.fitness, other[seed, slot].fitness
         if None not in fitness:
             first, second = map(float, fitness)  # type: ignore[arg-type]  # neither is None
-            questions.setdefault((seed, slot // 2), []).append(math.log(first / second))
+            questions.setdefault((line.parents, line.prompt), []).append(math.log(first / second))
     row = pairs.arms.loc["llm.model=another"]
     assert row.pairs == len(own) == 24
-    assert row.questions == len(questions) < 12  # the provider slips
+    assert row.questions == len(questions) < 12  # the provider slips, and a question may come twice
     assert row.factor == pytest.approx(math.exp(fmean(map(fmean, questions.values()))))
     assert row.factor_low < row.factor < row.factor_high
     assert row.trained == fmean(line.fitness is not None for line in own.values())
@@ -157,6 +157,15 @@ def test_arms_that_ask_nothing_alike_are_refused(tmp_path: Path) -> None:
         opened.pairs()
 
 
+def test_equal_requests_are_no_pair(tmp_path: Path) -> None:
+    """Arms that ask by the very same requests have the same recorded answers, which say nothing of a difference."""
+    same = _search(tmp_path, "prompts.policy=uniform,curiosity", "search.candidates=4")
+    opened = tacevo.open(same)
+    assert isinstance(opened, tacevo.Sweep)
+    with refused(RunError, got="no two answers"):
+        opened.pairs()
+
+
 def test_unknown_reference_is_refused(sweep: Path) -> None:
     """The error lists the arms that there are."""
     opened = tacevo.open(sweep)
@@ -176,7 +185,7 @@ def test_networks_that_cannot_start_a_search_are_refused(source: str | None, exp
     """A file that the gate rejects, or that is not there, ends a search before its first training."""
     if source is not None:
         (tmp_path / "net.py").write_text(source)
-    settings = [f"search.networks=[{tmp_path / 'net.py'}]", f"store.root={tmp_path / 'cache'}"]
+    settings = [f"search.networks=[{tmp_path / 'net.py'}]", "search.initial=1", f"store.root={tmp_path / 'cache'}"]
     with refused(ConfigError, place="networks", expected=expected):
         tacevo.search(*ONE_STEP, *settings, f"run.dir={tmp_path / 'run'}")
     assert not (tmp_path / "run" / "ledger.jsonl").exists()
