@@ -34,7 +34,7 @@ WITH = MappingProxyType(
         "document": ("figures", "data check", "motifs", "published"),
         "crate": PUBLISHING,
         "ray": ("gpus",),
-        "table": ("grammar",),  # whose networks it lists
+        "table": ("grammar", "simulator", *PUBLISHING),  # of which its networks and images are; its runs are published
     }
 )
 
