@@ -28,7 +28,11 @@ _ROOT = Path(__file__).parents[1]
 #: By room: the directories of its modules, of its own tests, and of the tests above it that reach it.
 ROOMS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]] = {
     "search": (("tacevo/evolution",), ("tests/evolution", "tests/rooms/surrogate"), ("tests/promises", "tests/runs")),
-    "storage": (("tacevo/storage",), ("tests/storage",), ("tests/promises", "tests/bundles", "tests/sweeps")),
+    "storage": (
+        ("tacevo/storage",),
+        ("tests/storage",),
+        ("tests/promises", "tests/bundles", "tests/sweeps", "tests/parts"),
+    ),
     "training": (("tacevo/training",), ("tests/training",), ("tests/promises", "tests/studies", "tests/runs")),
     "gate": (("tacevo/gate",), ("tests/gate",), ("tests/promises", "tests/runs", "tests/api")),
     "data": (
@@ -49,7 +53,7 @@ ROOMS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]] = 
     "api": (
         ("tacevo/api",),
         ("tests/api", "tests/rooms/plans_pilots", "tests/rooms/page", "tests/rooms/table"),
-        ("tests/cli", "tests/bundles", "tests/reproduce", "tests/studies"),
+        ("tests/cli", "tests/bundles", "tests/reproduce", "tests/studies", "tests/parts", "tests/rooms/export"),
     ),
 }
 
