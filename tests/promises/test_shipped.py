@@ -28,6 +28,7 @@ ANSWERED = {
         "no verdict on a model",
     ],
     "grating-claude": ["The hosted API was not called", "one observation"],
+    "words-temperature": ["The hosted API was not called", "the losses say nothing"],
     "grating-by-hand": ["No model was asked"],
     "grating-variants": ["No model was asked"],
     "grating-winners": ["No model was asked", "The hosted API was not called"],
