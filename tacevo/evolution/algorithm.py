@@ -231,10 +231,9 @@ def _with_effect(state: SearchState, plan: Plan, line: CandidateLine) -> SearchS
 
 
 def _with_rejection(state: SearchState, outcome: Outcome) -> SearchState:
-    """Remember why a candidate was rejected, and forget the reasons of earlier generations."""
-    generation = outcome.proposal.generation
-    kept = tuple(one for one in state.rejections if one[0] == generation)
-    new = ((generation, outcome.result),) if isinstance(outcome.result, Rejection) else ()
+    """Remember why a candidate was rejected; the first slot of a generation forgets the reasons of the last one."""
+    kept = state.rejections if outcome.proposal.slot > 0 else ()
+    new = (outcome.result,) if isinstance(outcome.result, Rejection) else ()
     return replace(state, rejections=(*kept, *new))
 
 

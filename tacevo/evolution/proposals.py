@@ -60,6 +60,22 @@ class Candidate:
         return replace(self, curiosities=self.curiosities + Fraction(curiosity), scores=self.scores + 1)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tellable:
+    """What a request may tell beside parents and instruction: what the search knows when it asks."""
+
+    #: One or two candidates that trained.
+    parents: Sequence[parts.Candidate]
+    #: The baseline, once it has trained.
+    baseline: parts.Candidate | None
+    #: All that trained, by id, in the order in which they came.
+    candidates: Mapping[str, parts.Candidate]
+    #: What became of the candidates of the last generation that the gate or the training rejected, in slot order.
+    rejections: Sequence[Rejection]
+    #: The notes of the answers that became the parents, in the order of the parents; empty for none.
+    notes: Sequence[str]
+
+
 class Telling(Protocol):
     """Says what requests tell beside parents and instruction, and how they are answered (`tacevo.evolution.told`)."""
 
@@ -67,16 +83,7 @@ class Telling(Protocol):
     def edits(self) -> bool:
         """Whether an answer may be edits of the first parent."""
 
-    def message(
-        self,
-        text: str,
-        *,
-        parents: Sequence[parts.Candidate],
-        baseline: parts.Candidate | None,
-        candidates: Mapping[str, parts.Candidate],
-        rejections: Sequence[Rejection],
-        notes: Sequence[str],
-    ) -> str:
+    def message(self, text: str, known: Tellable) -> str:
         """Return the message of a mutation or a crossover with what it tells, and with the form of the answer."""
 
     def note_of(self, completion: Completion) -> str:
@@ -365,14 +372,14 @@ def _telling(task: Task, settings: Settings, proposal: Proposal, population: Pop
     parents = [candidates[name] for name in proposal.parents]
     (message,) = proposal.request.messages
     system = f"{task.system}\n\n" if settings.system is SystemTurn.user else ""
-    text = telling.message(
-        message.content.removeprefix(system),
+    tellable = Tellable(
         parents=parents,
         baseline=candidates.get(_founder(task).id),
         candidates=candidates,
         rejections=known.rejections,
         notes=[one.note for one in parents if isinstance(one, Candidate)],
     )
+    text = telling.message(message.content.removeprefix(system), tellable)
     request = replace(proposal.request, messages=(replace(message, content=f"{system}{text}"),))
     edited = parents[0].source.strip() if telling.edits else None
     return replace(proposal, request=request, edited=edited, telling=telling)

@@ -84,17 +84,15 @@ class SearchState:
     candidates: PersistentMap[str, Candidate] = field(default_factory=PersistentMap)
     #: f*: the best fitness of the network archive.
     best: float = math.inf
-    #: What became of the candidates of the generation under way, or else of the last one, that were rejected, each with
-    #: the number of its generation.
-    rejections: tuple[tuple[int, Rejection], ...] = ()
+    #: What became of the candidates of the generation under way, or else of the last one, that were rejected.
+    rejections: tuple[Rejection, ...] = ()
     #: What came of the answers of each model, by its name; empty where a search asks one model.
     gains: Mapping[str, Gains] = field(default_factory=dict)
 
     @property
     def known(self) -> Known:
         """What the next generation's requests may follow from, beside networks and prompts."""
-        last = self.generation - 1
-        return Known(rejections=tuple(one for number, one in self.rejections if number == last), gains=self.gains)
+        return Known(rejections=self.rejections, gains=self.gains)
 
     def is_past(self, plan: Plan) -> bool:
         """Return whether the search is at its end: after generation G, or after the one that spent its budget."""

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from tacevo import parts
 from tacevo.choices import Tell
 from tacevo.evolution.parents import fittest
+from tacevo.evolution.proposals import Tellable
 from tacevo.evolution.rejections import reason_in_words
 from tacevo.records import Completion, Rejection
 from tacevo.rounding import significant
@@ -76,30 +77,10 @@ class Told:
     #: Whether an answer may be edits of the first parent.
     edits: bool = False
 
-    def message(
-        self,
-        text: str,
-        *,
-        parents: Sequence[parts.Candidate],
-        baseline: parts.Candidate | None,
-        candidates: Mapping[str, parts.Candidate],
-        rejections: Sequence[Rejection],
-        notes: Sequence[str],
-    ) -> str:
-        """Return the message of a mutation or a crossover with what it tells, and with the form of the answer.
-
-        Arguments are as of `told_text`.
-        """
-        told = told_text(
-            self.tells,
-            parents=parents,
-            baseline=baseline,
-            candidates=candidates,
-            rejections=rejections,
-            notes=notes,
-        )
-        form = form_text(edits=self.edits, note=Tell.notes in self.tells, parents=len(parents))
-        return with_told(text, told=told, form=form)
+    def message(self, text: str, known: Tellable) -> str:
+        """Return the message of a mutation or a crossover with what it tells, and with the form of the answer."""
+        form = form_text(edits=self.edits, note=Tell.notes in self.tells, parents=len(known.parents))
+        return with_told(text, told=told_text(self.tells, known), form=form)
 
     def note_of(self, completion: Completion) -> str:
         """Return the note of an answer; empty where none is asked for, or written."""
@@ -110,31 +91,15 @@ class Told:
         return without_note(completion) if Tell.notes in self.tells else completion
 
 
-def told_text(
-    tells: Sequence[Tell],
-    *,
-    parents: Sequence[parts.Candidate],
-    baseline: parts.Candidate | None,
-    candidates: Mapping[str, parts.Candidate],
-    rejections: Sequence[Rejection],
-    notes: Sequence[str],
-) -> str:
-    """Write what a request tells; empty where nothing is known.
-
-    Args:
-        tells: what is told.
-        parents: one or two candidates that trained.
-        baseline: the baseline, once it has trained.
-        candidates: all that trained, by id, in the order in which they came.
-        rejections: what became of candidates of the last generation that the gate rejected, in the order of slots.
-        notes: those of the answers that became the parents (`note_of`), in the order of the parents; empty for none.
-    """
+def told_text(tells: Sequence[Tell], known: Tellable) -> str:
+    """Write what a request tells of what it may tell; empty where nothing of it is known."""
+    trained = known.candidates.values()
     sections: Mapping[Tell, Callable[[], str]] = {
-        Tell.fitness: lambda: _figures(parents, baseline),
-        Tell.shuffled: lambda: _shuffled(parents, baseline, list(candidates.values())),
-        Tell.failures: lambda: _failures(rejections),
-        Tell.best: lambda: _best(fittest(candidates.values(), _BEST), parents),
-        Tell.notes: lambda: _notes(notes),
+        Tell.fitness: lambda: _figures(known.parents, known.baseline),
+        Tell.shuffled: lambda: _shuffled(known.parents, known.baseline, list(trained)),
+        Tell.failures: lambda: _failures(known.rejections),
+        Tell.best: lambda: _best(fittest(trained, _BEST), known.parents),
+        Tell.notes: lambda: _notes(known.notes),
     }
     told = [section for tell, write in sections.items() if tell in tells and (section := write())]
     return "\n\n".join([_OPENING, *told, _CLOSING]) if told else ""

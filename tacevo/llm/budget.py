@@ -65,10 +65,8 @@ class BudgetedLLM:
     _: KW_ONLY
     #: The most that the answers may cost, in US dollars.
     limit: float
-    #: The price of the model that is asked, for the worst case; of several models, that of one without a price of its
-    #: own in `prices`.
-    price: Price
-    prices: Mapping[str, Price] = field(default_factory=dict)
+    #: The prices of the models that are asked, by name, for the worst case.
+    prices: Mapping[str, Price]
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
         """Answer requests, in as few rounds as the budget allows (see `tacevo.parts.provider.Provider`).
@@ -97,7 +95,7 @@ class BudgetedLLM:
         return fitting
 
     def _worst_case(self, request: Request) -> float:
-        return worst_case(self.prices.get(request.model, self.price), request)
+        return worst_case(self.prices[request.model], request)
 
     def _exhausted(self, request: Request, waiting: int) -> BudgetError:
         spent, next_ = dollars(self.account.spent), dollars(self._worst_case(request))

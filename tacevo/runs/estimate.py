@@ -5,19 +5,19 @@ quotes one network, a crossover two, and their length is a guess. `llm.budget_us
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import AnswerForm, Carrier, ModelChoice, Thinking
 from tacevo.config.schema import UNCHOSEN, LLMConfig, RunConfig
 from tacevo.config.task_texts import facts_without_data, load_task
-from tacevo.costs import dollars, spending_on
+from tacevo.costs import Spending, dollars, spending_on, total
 from tacevo.errors import TacevoError
 from tacevo.evolution.prompts import crossover_text, mutation_text
 from tacevo.evolution.proposals import plan_initial
 from tacevo.llm.prices import PriceTable, likely_tokens, line_to_add
-from tacevo.records import Completion, DataFacts, Delivery, Mode, Request, Setting, Task, to_json
+from tacevo.records import DataFacts, Delivery, Mode, Request, Setting, Task, to_json
 from tacevo.runs.datasets import source_of
 from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.pace import Measure, Pace, Saving, growth, measure, part_saved, training_images, trainings
@@ -78,11 +78,9 @@ def estimate(config: RunConfig) -> Estimate:
     inputs = (asked - crossed) * mutation + crossed * crossover
     answer, thinking = likely_tokens(task.baseline), _likely_thinking(config)
     outputs = float(asked * min(answer + (thinking or 0), max(answer, config.llm.max_tokens)))
-    samples, by_model = 0, []
+    samples, by_model, answered = 0, [], _recorded(config)
     for name, share in _shares(config.llm):
-        known = (answer for answer in _answers(config, name) if answer.tokens is not None)
-        spent = spending_on(known)
-        tokens = inputs, outputs
+        spent, tokens = answered[name], (inputs, outputs)
         if spent.answers:
             tokens = asked * spent.input_tokens / spent.answers, asked * spent.output_tokens / spent.answers
         samples += spent.answers
@@ -309,20 +307,23 @@ def _likely_inputs(task: Task) -> tuple[int, int]:
     return mutation, crossover
 
 
-def _answers(config: RunConfig, model: str) -> Iterator[Completion]:
-    """Read the recorded answers of a model that had the effort and the thinking of a configuration.
+def _recorded(config: RunConfig) -> dict[str, Spending]:
+    """Add up by model the recorded answers whose tokens are known, with the effort and the thinking of a configuration.
 
-    One after the other: a store may be larger than the memory.
+    Raises:
+        StoreError: an entry of the store is damaged.
     """
     chosen = _effort_and_thinking(dict(provider_settings(config.llm)))
     efforts = {*config.temperature.efforts} if config.temperature.carrier is Carrier.effort else {chosen[0]}
+    spent: dict[str, list[Spending]] = {name: [] for name in config.llm.names}
     for entry in scan(Path(config.store.root), ("completions",)):
         if entry.problem is not None:
             raise entry.problem
         effort, thinking = _effort_and_thinking(entry.settings)
-        is_alike = entry.model == model and effort in efforts and thinking == chosen[1]
-        if is_alike and entry.completion is not None:
-            yield entry.completion
+        is_alike = entry.model in spent and effort in efforts and thinking == chosen[1]
+        if is_alike and entry.completion is not None and entry.completion.tokens is not None:
+            spent[str(entry.model)].append(spending_on([entry.completion]))
+    return {name: total(each) for name, each in spent.items()}
 
 
 def _effort_and_thinking(settings: Mapping[str, Setting]) -> list[Setting | None]:

@@ -71,7 +71,7 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
     provider = _described(config, provider, stores.of("models", llm.mode), begun)
     if llm.budget_usd is not None:
         known = {name: _price(llm, name, prices) for name in llm.names}
-        provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=known[llm.names[0]], prices=known)
+        provider = BudgetedLLM(provider, account, limit=llm.budget_usd, prices=known)
 
     def note(request: Request, completion: Completion) -> None:
         begun.note(completion)

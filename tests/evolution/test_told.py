@@ -13,7 +13,7 @@ import pytest
 from tacevo.choices import SystemTurn, Tell
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.prompts import mutation_text
-from tacevo.evolution.proposals import Candidate
+from tacevo.evolution.proposals import Candidate, Tellable
 from tacevo.evolution.rejections import reason_in_words
 from tacevo.evolution.told import Told, form_text, note_of, told_text, with_told, without_note, without_told
 from tacevo.records import Completion, Operator, Reason, Rejection, Request, Stage
@@ -38,7 +38,8 @@ def told(
     """Write what a request tells of a small search."""
     baseline = candidate("g00s00", fakes.TASK.baseline, 0.9, parameters=1_000, flops=5_000)
     known = {one.id: one for one in (baseline, *parents, *others)}
-    return told_text(tells, parents=parents, baseline=baseline, candidates=known, rejections=rejections, notes=notes)
+    tellable = Tellable(parents=parents, baseline=baseline, candidates=known, rejections=rejections, notes=notes)
+    return told_text(tells, tellable)
 
 
 def rejection(detail: str, stage: Stage = Stage.probe, reason: Reason = Reason.forward_failed) -> Rejection:

@@ -55,7 +55,7 @@ class FakeLLM:
 def budgeted(inner: FakeLLM, limit: float, root: Path) -> LLM:
     """Put store and budget before a fake, as a run does."""
     account = Account(lambda request, completion: PRICE)
-    within = BudgetedLLM(inner, account, limit=limit, price=PRICE)
+    within = BudgetedLLM(inner, account, limit=limit, prices=PRICES)
     store = Store(root, "completions", Mode.record)
     return RecordingLLM(within, store, price=lambda request, completion: PRICE, count=account.add)
 
@@ -66,6 +66,7 @@ def ask(llm: LLM, requests: Sequence[Request]) -> set[int]:
 
 
 REQUESTS = [request(number) for number in range(6)]
+PRICES = {REQUESTS[0].model: PRICE}
 WORST = worst_case(PRICE, REQUESTS[0])
 
 
@@ -158,7 +159,7 @@ def test_limit_is_never_exceeded(limits: float, sizes: list[int], part: float) -
     account = Account(lambda request, completion: PRICE)
     answered = 0
     try:
-        for position, completion in BudgetedLLM(Partly(), account, limit=limits, price=PRICE).complete(asked):
+        for position, completion in BudgetedLLM(Partly(), account, limit=limits, prices=PRICES).complete(asked):
             account.add(asked[position], completion)
             answered += 1
     except BudgetError:
@@ -188,7 +189,7 @@ def test_worst_case_is_that_of_the_model_that_is_asked(tmp_path: Path) -> None:
     for asked, fits in ((cheap, True), (other, False)):
         inner = FakeLLM(1)
         account = Account(lambda request, completion: PRICE)
-        within = BudgetedLLM(inner, account, limit=limit, price=PRICE, prices={"dear": dear})
+        within = BudgetedLLM(inner, account, limit=limit, prices={cheap.model: PRICE, other.model: dear})
         if fits:
             assert dict(within.complete([asked]))[0].text == "ok"
         else:

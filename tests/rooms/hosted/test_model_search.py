@@ -17,7 +17,7 @@ import yaml
 from asked import KEY
 from llm_script import Body, Script, key_of
 from llm_server import LLMServer, serving
-from smallest import ARCHIVES, TOUCHES, UNTRACKED
+from smallest import ARCHIVES, PUBLISHED_SIZES, TOUCHES, UNTRACKED
 
 from tacevo.cli.app import main
 from tacevo.config.conf_folder import conf_root
@@ -35,9 +35,7 @@ TINY = [
     *ARCHIVES,
     UNTRACKED,
     "llm=anthropic",
-    "search.generations=1",
-    "search.candidates=3",
-    "search.initial=2",
+    *PUBLISHED_SIZES,
     "executor.workers=2",
 ]
 

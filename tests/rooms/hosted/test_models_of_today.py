@@ -19,7 +19,7 @@ from llm_models import MODELS
 from llm_script import Script
 from llm_server import LLMServer, serving
 from refusals import refused
-from smallest import ARCHIVES, TOUCHES, UNTRACKED
+from smallest import ARCHIVES, PUBLISHED_SIZES, TOUCHES, UNTRACKED
 
 from tacevo.choices import Effort
 from tacevo.cli.app import main
@@ -37,9 +37,7 @@ TINY = [
     *ARCHIVES,
     UNTRACKED,
     "llm=anthropic",
-    "search.generations=1",
-    "search.candidates=3",
-    "search.initial=2",
+    *PUBLISHED_SIZES,
     "executor.workers=2",
     "run.dir=run",
 ]
@@ -47,13 +45,6 @@ TINY = [
 HAIKU = "claude-haiku-5-5"
 
 CURRENT = Script(like={HAIKU: MODELS[HAIKU]})
-
-
-@pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Stand in an empty directory."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def search(server: LLMServer, *overrides: str) -> int:
