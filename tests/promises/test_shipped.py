@@ -28,6 +28,7 @@ ANSWERED = {
         "no verdict on a model",
     ],
     "grating-claude": ["The hosted API was not called", "one observation"],
+    "telling-losses": ["The hosted API was not called", "The control can be seen through"],
     "words-temperature": ["The hosted API was not called", "the losses say nothing"],
     "grating-by-hand": ["No model was asked"],
     "grating-variants": ["No model was asked"],
