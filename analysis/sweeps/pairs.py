@@ -89,6 +89,8 @@ class Pairs:
     """A sweep whose arms are compared answer by answer."""
 
     reference: str
+    #: Whether the parents of a pair are other networks, at the same places of generation 0.
+    other_parents: bool
     #: One row an answer (`ANSWERS`).
     answers: pd.DataFrame
     #: The arms, the reference first (`ARMS`).
@@ -110,7 +112,7 @@ class _Answer:
     line: CandidateLine
     run: RecordedRun
     question: int
-    #: The sources of its parents, and its instruction.
+    #: Its operator, the sources of its parents, or their ids where these stand for other networks, and its instruction.
     asked: tuple[Hashable, ...]
 
     @property
@@ -129,7 +131,11 @@ class _Answer:
 
 
 def compare_pairs(
-    sweep: RecordedSweep, reference: str | None = None, *, operations: "Operations | None" = None
+    sweep: RecordedSweep,
+    reference: str | None = None,
+    *,
+    other_parents: bool = False,
+    operations: "Operations | None" = None,
 ) -> Pairs:
     """Compare the arms of a sweep answer by answer.
 
@@ -137,6 +143,8 @@ def compare_pairs(
         sweep: of two arms or more that have a seed in common.
         reference: the arm that others are compared with; None for the one that the sweep states, else `none`, or the
             first one where there is no such arm.
+        other_parents: whether the answers in a slot are a pair where their parents are other networks with the same
+            ids, as in arms that differ by `search.networks`.
         operations: returns what operations the trained candidates of a run call; None leaves that measure out.
 
     Raises:
@@ -148,7 +156,11 @@ def compare_pairs(
     if wanted not in arms:
         known = f"an arm with a finished search: {listed(arms)}"
         raise ConfigError(repr(wanted), place="reference", expected=known)
-    answers = [answer for one in sweep.finished for answer in _answers_of(one.job.arm, one.job.seed, one.run)]
+    answers = [
+        answer
+        for one in sweep.finished
+        for answer in _answers_of(one.job.arm, one.job.seed, one.run, other_parents=other_parents)
+    ]
     by_arm = {arm: {each.place: each for each in answers if each.arm == arm} for arm in (wanted, *arms)}
     pairs = {arm: list(_paired(own, by_arm[wanted])) for arm, own in by_arm.items()}
     if not any(both for arm, both in pairs.items() if arm != wanted):
@@ -156,7 +168,8 @@ def compare_pairs(
             "no two answers to one question",
             place=str(sweep.path),
             expected=f"arms that ask what {wanted} asks in generation {GENERATION}: equal generations 0 and parents",
-            remedy="`tacevo search -m experiment=pairs SETTING=A,B` makes such a sweep (docs/pairs.md)",
+            remedy="`tacevo search -m experiment=pairs SETTING=A,B` makes such a sweep (docs/pairs.md); "
+            "--other-parents compares arms that differ by search.networks",
         )
     lengths = _lengths(answers)
     measured = [_row(answer) | lengths.get(str(answer.line.request), {}) for answer in answers]
@@ -167,6 +180,7 @@ def compare_pairs(
     several = any(one.run.config.proposals.answers > 1 for one in sweep.finished)
     return Pairs(
         reference=wanted,
+        other_parents=other_parents,
         answers=frame,
         arms=pd.DataFrame.from_dict(rows, orient="index", columns=list(ARMS)).astype(ARMS),
         diversity=_diversity(by_arm, wanted, operations) if several else None,
@@ -193,11 +207,12 @@ def distance(first: Counter[T], second: Counter[T]) -> float:
     return 1 - (first & second).total() / either if either else 0.0
 
 
-def _answers_of(arm: str, seed: int, run: RecordedRun) -> Iterator[_Answer]:
+def _answers_of(arm: str, seed: int, run: RecordedRun, *, other_parents: bool) -> Iterator[_Answer]:
     sources = {line.id: line.source for line in run.candidates}
     for line in run.candidates:
         if line.generation == GENERATION and line.request is not None:
-            asked = (line.operator, tuple(sources[parent] for parent in line.parents), line.prompt)
+            parents = line.parents if other_parents else tuple(sources[parent] for parent in line.parents)
+            asked = (line.operator, tuple(parents), line.prompt)
             question = line.slot // run.config.proposals.answers
             yield _Answer(arm=arm, seed=seed, line=line, run=run, question=question, asked=asked)
 

@@ -14,6 +14,8 @@ def pairs_tables(pairs: Pairs, name: str) -> Sequence[Table]:
 
 
 def _losses(pairs: Pairs, name: str) -> Table:
+    parents = "instruction and seed, and other parents at the same places"
+    same = parents if pairs.other_parents else "parents, instruction and seed"
     frame = pairs.arms.assign(arm=pairs.arms.index, is_reference=pairs.arms.index == pairs.reference)
     lengths: Layout = {
         f"{words} of {what}": (_whole, f"{way}_{unit}")
@@ -39,8 +41,8 @@ def _losses(pairs: Pairs, name: str) -> Table:
         name="pairs",
         caption=f"Answers of {name} to the same questions, against those of {pairs.reference}.",
         notes=(
-            f"A pair: the answers of two arms to one question in generation {GENERATION}, with the same parents, "
-            "instruction and seed. Questions: parents and instructions with a pair of which both networks trained; "
+            f"A pair: the answers of two arms to one question in generation {GENERATION}, with the same {same}. "
+            "Questions: parents and instructions with a pair of which both networks trained; "
             "several pairs of one question count by their mean.",
             "Loss, factor: the geometric mean of the arm's recorded fitness as a multiple of the reference's, in "
             "brackets Student's interval of 95 %; below 1 the arm's networks are better. p: Wilcoxon's signed ranks; "

@@ -153,8 +153,13 @@ class Sweep:
         return Named({table.name: Table(table) for table in tables}, "sweep.tables", missing)
 
     @needing_parts()
-    def pairs(self, reference: str | None = None) -> Pairs:
+    def pairs(self, reference: str | None = None, *, other_parents: bool = False) -> Pairs:
         """Compare its arms answer by answer, where they ask the same questions (docs/pairs.md).
+
+        Args:
+            reference: the arm that the others are compared with; None for the one that the sweep states, else `none`.
+            other_parents: whether questions also count as the same whose parents are other networks, at the same
+                places of generation 0: so arms compare that differ by `search.networks`.
 
         Returns:
             The comparison: `arms` and `answers` are frames, and `diversity` where questions were asked several times.
@@ -166,7 +171,7 @@ class Sweep:
         from analysis.sweeps.pairs import compare_pairs
 
         sweep = self.collection().sweep
-        return compare_pairs(sweep, reference, operations=_operations)
+        return compare_pairs(sweep, reference, other_parents=other_parents, operations=_operations)
 
     @cached_property
     @needing_parts()

@@ -622,6 +622,7 @@ def pairs(
     *,
     output: Dir | None = None,
     reference: Annotated[str, Takes("ARM")] | None = None,
+    other_parents: bool = False,
     store: Dir | None = None,
 ) -> int:
     """Compare the arms of a sweep answer by answer: the same questions, asked in other ways.
@@ -638,13 +639,14 @@ def pairs(
         sweep: the directory or bundle of a sweep
         output: where to write (default: SWEEP/pairs)
         reference: the arm to compare with (default: the one that the sweep states, else none, or the first)
+        other_parents: compare arms that differ by search.networks, whose parents are other networks at the same places
         store: directory of the stores, if it was moved
     """
     place = place_of_results(sweep, output, "pairs")
     _reading(sweep)
     from tacevo.cli.pairs import run_pairs
 
-    return run_pairs(sweep, place, reference, store)
+    return run_pairs(sweep, place, reference, store, other_parents=other_parents)
 
 
 @command(interrupted="nothing half-made is left")

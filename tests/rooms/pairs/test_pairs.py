@@ -157,6 +157,35 @@ def test_arms_that_ask_nothing_alike_are_refused(tmp_path: Path) -> None:
         opened.pairs()
 
 
+def test_arms_with_other_parents_are_paired_by_their_places(tmp_path: Path) -> None:
+    """Arms that differ by their given networks are compared by slot where one asks for it; both have the baseline."""
+    for name, widths in (("small", (4, 8)), ("large", (16, 32))):
+        (tmp_path / name).mkdir()
+        for number, width in enumerate(widths):
+            (tmp_path / name / f"{number}.py").write_text(PARENT.format(width, width))
+    folder = _search(tmp_path, f"search.networks=[{tmp_path}/small],[{tmp_path}/large]")
+    sweep = tacevo.open(folder)
+    assert isinstance(sweep, tacevo.Sweep)
+    reference, other = sweep.arms
+    with pytest.raises(RunError):
+        sweep.pairs(reference)
+    compared = sweep.pairs(reference, other_parents=True)
+    own, others = (
+        [
+            (line.parents, line.prompt)
+            for job in sweep.jobs.index[sweep.jobs.arm == arm]
+            for line in read_run(folder / str(job)).candidates
+            if line.generation == GENERATION
+        ]
+        for arm in (other, reference)
+    )
+    assert own == others
+    of_baseline = sum(parents == ("g00s00",) for parents, _ in own)
+    assert of_baseline > 0
+    assert compared.shared == {other: of_baseline}
+    assert compared.arms.loc[other].pairs == len(own) - of_baseline
+
+
 def test_equal_requests_are_no_pair(tmp_path: Path) -> None:
     """Arms that ask by the very same requests have the same recorded answers, which say nothing of a difference."""
     same = _search(tmp_path, "prompts.policy=uniform,curiosity", "search.candidates=4")
