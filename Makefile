@@ -150,6 +150,7 @@ paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR
 	$(if $(VARIANTS),$(BIN)/tacevo report --latex $(VARIANTS) --output build/paper/variants)
 	@for sweep in $(SWEEPS); do \
 		$(BIN)/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done
+	$(if $(WINNERS),$(BIN)/python docs/found/draw.py build/paper/found)
 
 docs: $(DOCS)/.ready ## build the site into build/docs/site: every page, the references and the notebooks (three minutes)
 	$(BIN)/python docs/site/pages.py $(DOCS)/pages

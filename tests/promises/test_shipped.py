@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bundles import members_of
-from checkout import BUNDLES, PUBLISHED
+from checkout import BUNDLES, PUBLISHED, ROOT
 from commands import tacevo
 from scipy import stats
 from test_rules import LATER
@@ -20,6 +20,9 @@ from tacevo.results.study_directory import studies_of
 
 SHIPPED = sorted(PUBLISHED.glob("*.zip"))
 
+#: The pages of what was found.
+FOUND = ROOT / "docs/found"
+
 #: What a bundle says of who answered; the others say that the grammar did, and no LLM.
 ANSWERED = {
     "claude-vs-grammar": [
@@ -28,6 +31,7 @@ ANSWERED = {
         "no verdict on a model",
     ],
     "grating-claude": ["The hosted API was not called", "one observation"],
+    "operator-or-search": ["The hosted API was not called", "one of 25 children of the elites could be trained"],
     "telling-losses": ["The hosted API was not called", "The control can be seen through"],
     "words-temperature": ["The hosted API was not called", "the losses say nothing"],
     "grating-by-hand": ["No model was asked"],
@@ -38,9 +42,14 @@ ANSWERED = {
 
 #: Two edits by hand, on two tasks, and an elite beside them: how the page gives the losses, and of which networks.
 CONTROLS = {
-    PUBLISHED / "grating-by-hand.zip": ("of the cross-entropies {:.3f} and {:.3f}", ("by_hand", "baseline")),
-    BUNDLES / "grating-by-hand-48.zip": ("cross-entropies likewise {:.2f} and {:.2f}", ("by_hand", "baseline")),
+    PUBLISHED / "grating-by-hand.zip": ("by_hand", "of the cross-entropies {:.3f} and {:.3f}", ("by_hand", "baseline")),
+    BUNDLES / "grating-by-hand-48.zip": (
+        "by_hand",
+        "cross-entropies likewise {:.2f} and {:.2f}",
+        ("by_hand", "baseline"),
+    ),
     BUNDLES / "grating-chosen-48.zip": (
+        "ends",
         "of the cross-entropies are {:.3f}, {:.3f} and {:.3f}",
         ("chosen", "baseline", "by_hand"),
     ),
@@ -90,7 +99,7 @@ def test_page_says_what_an_elite_chosen_by_a_full_training_is() -> None:
             ratios.setdefault(run.config.seed, []).append(math.log(one["cross_entropy"] / other["cross_entropy"]))
             points.setdefault(run.config.seed, []).append(100 * (one["accuracy"] - other["accuracy"]))
         below += sum(ratios[run.config.seed][-2:]) < 0
-    said = " ".join((PUBLISHED / "README.md").read_text(encoding="utf-8").split())
+    said = " ".join((FOUND / "ends.md").read_text(encoding="utf-8").split())
     (low, middle, high), (less, many, more) = map(_interval, (ratios, points))
     assert f"has {math.exp(middle):.2f} [{math.exp(low):.2f}, {math.exp(high):.2f}] of the baseline's loss" in said
     assert f"and {many:.2f} [{less:.2f}, {more:.2f}] points more; it is below in {below} of 16 searches" in said
@@ -101,7 +110,7 @@ def test_page_says_what_the_control_is(bundle: Path, capsys: pytest.CaptureFixtu
     """Accuracies with their intervals as `tacevo show` prints them, and the geometric mean of each network's losses."""
     assert main(["show", str(bundle)]) == 0
     accuracies = re.findall(r"\d+\.\d % \[\d+\.\d, \d+\.\d\]", capsys.readouterr().out)
-    words, names = CONTROLS[bundle]
+    page, words, names = CONTROLS[bundle]
     assert len(accuracies) == len(names)
     (folder,) = opened(bundle).runs
     (study,) = studies_of(folder)
@@ -109,7 +118,7 @@ def test_page_says_what_the_control_is(bundle: Path, capsys: pytest.CaptureFixtu
     for row in load_study(study.path).scores:
         losses.setdefault(row.network, []).append(row.metrics["cross_entropy"])
     means = words.format(*(stats.gmean(losses[name]) for name in names))
-    said = " ".join((PUBLISHED / "README.md").read_text(encoding="utf-8").split())
+    said = " ".join((FOUND / f"{page}.md").read_text(encoding="utf-8").split())
     assert [part for part in (*accuracies, means) if part not in said] == []
 
 

@@ -1,0 +1,85 @@
+"""What a choice by one full training is worth: networks of searches, beside a control that no search found.
+
+    python -m benchmarks.handed_over cache/published/ablation-elites.zip cache/published/first-mutations.zip
+
+Each sweep has a study of several networks a job, with two seeds or more. In each job one seed chooses: the network with
+the lowest validation loss is handed over, and the other seeds test it. Its worth is its test loss over that of the
+baseline by the same seeds; every seed chooses once, and a job's value is the geometric mean. Jobs of one seed, in
+whatever arm and sweep, share their training seeds and their baseline, so the seed is the unit: intervals are Student's,
+of the logarithms over seeds, and arms are compared by seed with Wilcoxon's test, with Holm's correction.
+
+The last sweep is the control.
+"""
+
+import argparse
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+from scipy.stats import t as student
+from scipy.stats import wilcoxon
+
+import tacevo
+from analysis.statistics.tests import holm
+
+#: Of each task, the loss of the tests.
+LOSSES = ("cross_entropy", "mse")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print a row an arm, and what each differs by from the control."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sweeps", nargs="+", metavar="SWEEP", help="a sweep or its bundle; the last is the control")
+    arms: dict[str, dict[int, float]] = {}
+    for place in parser.parse_args(arguments).sweeps:
+        sweep = tacevo.open(place)
+        if not isinstance(sweep, tacevo.Sweep):
+            parser.error(f"{place}: expected a sweep with studies; got a run")
+        arms |= {f"{place}: {arm}": values for arm, values in _arms(sweep).items()}
+    *others, control = arms
+    for name, values in arms.items():
+        print(f"{name}: {_of(list(values.values()))} of the baseline's test loss, {len(values)} seeds")
+    pairs = {name: [arms[control][seed] - arms[name][seed] for seed in sorted(arms[control])] for name in others}
+    corrected = holm([float(wilcoxon(each).pvalue) for each in pairs.values()]) if pairs else []
+    for (name, each), p in zip(pairs.items(), corrected, strict=True):
+        print(f"the control against {name}: {_of(each)} of its ratio, p after Holm {p:.2g}")
+
+
+def chosen(scores: pd.DataFrame, loss: str) -> Iterator[float]:
+    """Yield, for each seed that chooses, the logarithm of the chosen network's test loss over the baseline's.
+
+    Args:
+        scores: those of a study, a row a training, with the columns `network`, `seed`, `validation_loss` and the loss.
+            A failed training has no losses: by its seed the network is not chosen, and cannot be tested.
+        loss: the column of the test loss.
+    """
+    validation = scores.pivot_table(index="network", columns="seed", values="validation_loss")
+    test = scores.pivot_table(index="network", columns="seed", values=loss)
+    for seed in validation.columns:
+        best = validation[seed].drop("baseline").idxmin()
+        others = test.columns != seed
+        yield float((np.log(test.loc[best, others]) - np.log(test.loc["baseline", others])).mean())
+
+
+def _arms(sweep: tacevo.Sweep) -> dict[str, dict[int, float]]:
+    """Return the logarithm of the ratio of each job with a study, by arm and seed."""
+    arms: dict[str, dict[int, float]] = {}
+    for job in sweep.jobs.itertuples():
+        for study in sweep.run(str(job.Index)).studies:
+            if study.is_noise:
+                continue
+            (loss,) = (name for name in LOSSES if name in study.scores)
+            arms.setdefault(job.arm, {})[job.seed] = float(np.mean([*chosen(study.scores, loss)]))
+    return arms
+
+
+def _of(logarithms: Sequence[float]) -> str:
+    """Write a geometric mean with its 95 % interval."""
+    mean, error = float(np.mean(logarithms)), float(np.std(logarithms, ddof=1)) / math.sqrt(len(logarithms))
+    half = float(student.ppf(0.975, len(logarithms) - 1)) * error
+    return f"{math.exp(mean):.3f} [{math.exp(mean - half):.3f}, {math.exp(mean + half):.3f}]"
+
+
+if __name__ == "__main__":
+    main()
