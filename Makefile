@@ -16,7 +16,7 @@ test test-core test-parts test-slow test-all test-cluster test-cluster-all cover
 test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick mutants replay paper docs lock clean
+.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick mutants replay paper docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -41,6 +41,17 @@ $(DEV): $(READY) requirements-dev.lock
 	@echo "Installing what tests and checks need into $(VENV): 45 packages, 0.9 GB more."
 	$(PIP) install --no-deps --require-hashes --requirement requirements-dev.lock
 	$(BIN)/pip check
+	@touch $@
+
+# An environment beside the other: who checks results trains nothing, tracks nothing and asks no model.
+CHECK := .venv-check
+check-only: $(CHECK)/.ready ## build what replaying, tables, figures and pages need in .venv-check: no torch, no MLflow
+
+$(CHECK)/.ready: requirements-check.lock pyproject.toml
+	@echo "Making $(CHECK): 51 packages, 0.6 GB on the disk, half a minute of a core."
+	$(PYTHON) -m venv $(CHECK)
+	$(CHECK)/bin/pip --disable-pip-version-check install --no-deps --require-hashes --requirement requirements-check.lock
+	$(CHECK)/bin/pip --disable-pip-version-check install --no-deps --no-build-isolation --editable .
 	@touch $@
 
 demo: $(READY) ## run a small search, train its best networks again with other seeds, and print what was found
@@ -174,11 +185,13 @@ lock: ## resolve the dependencies again into requirements*.lock, with the hashes
 	build/lock/docs/bin/pip install --quiet --disable-pip-version-check mkdocs-material mkdocstrings-python
 	build/lock/docs/bin/pip freeze > build/lock/requirements-docs
 	build/lock/bin/pip install --quiet --disable-pip-version-check uv
-	@for name in requirements requirements-dev requirements-docs; do \
+	build/lock/bin/uv pip compile --quiet --no-header --no-annotate --constraint build/lock/requirements requirements-check.in \
+		> build/lock/requirements-check
+	@for name in requirements requirements-check requirements-dev requirements-docs; do \
 		{ sed '/^[^#]/,$$d' $$name.lock; build/lock/bin/uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate \
 			build/lock/$$name; } > build/lock/$$name.lock && cp build/lock/$$name.lock $$name.lock || exit; \
 	done
 
 clean: ## remove the environment, builds and caches of tools; runs and stores stay
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage*
+	rm -rf $(VENV) $(CHECK) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage*
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

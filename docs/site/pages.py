@@ -45,9 +45,13 @@ ELSEWHERE = {
     "cache/published/README.md": "published_runs.md",
     "conf/library/README.md": "library.md",
     "docs/plans/README.md": "plans.md",
+    "docs/found/README.md": "found/index.md",
     "examples/tacevo_lexicase/README.md": "example_package.md",
     "docs/notebooks": "notebooks/read_a_published_run.md",
 }
+
+#: Where pictures lie that pages show.
+PICTURES = ("docs/figures/", "docs/found/")
 
 #: What a bound of a setting is called.
 WORDS = {Ge: "at least", Gt: "above", Le: "at most", Lt: "below"}
@@ -67,7 +71,10 @@ PYTHON = {
 def write_pages(folder: Path) -> None:
     """Write every page below a folder, which is emptied first."""
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(ROOT / "docs/figures", folder / "figures")
+    for pictures in ("figures", "found"):
+        shutil.copytree(
+            ROOT / "docs" / pictures, folder / pictures, ignore=shutil.ignore_patterns("*.py", "*.md", "__pycache__")
+        )
     house.write(folder / "figures/house.svg")
     places = places_of_pages()
     for source, place in places.items():
@@ -109,7 +116,7 @@ def with_links(text: str, source: str, places: dict[str, str]) -> str:
         if not target or "://" in target:
             return link[0]
         path = (ROOT / source).parent.joinpath(target).resolve(strict=True).relative_to(ROOT).as_posix()
-        place = places.get(path, path.removeprefix("docs/") if path.startswith("docs/figures/") else None)
+        place = places.get(path, path.removeprefix("docs/") if path.startswith(PICTURES) else None)
         if place is None:
             return f"`{path}`"
         return f"[{words}]({os.path.relpath(place, Path(places[source]).parent)}{part})"

@@ -297,7 +297,10 @@ class Zygote:
             said = _last_line(self._errors) or "nothing"
             raise _StartError(f"{describe(error)}; it wrote: {said}", expected="a zygote that starts") from error
         if problem is not None:
-            raise _StartError(problem, expected="a zygote that imports its entries and maps its arrays")
+            lacks_torch = "No module named 'torch'" in problem
+            remedy = "install torch: `make setup` in a clone (docs/installation.md)" if lacks_torch else ""
+            expected = "a zygote that imports its entries and maps its arrays"
+            raise _StartError(problem, expected=expected, remedy=remedy)
         self._errors.close()
         self._has_started = True
 

@@ -24,6 +24,25 @@ from tacevo import __version__
 OTHERS = ("analysis/__init__.py", "random.py", "tests.py", "torch.py", "typing.py", "yaml.py")
 
 
+#: What those who only check results do without: trainings, MLflow, a model's client.
+NOT_TO_CHECK = {"torch", "mlflow", "anthropic", "httpx2"}
+
+
+def test_what_only_checks_is_a_part_of_what_runs() -> None:
+    """Its packages are those of the project but for four, with what installs a clone, at the versions of the whole."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    needed = {re.split(r"[<>=~]", one)[0] for one in project["project"]["dependencies"]} - NOT_TO_CHECK
+    listed = (ROOT / "requirements-check.in").read_text(encoding="utf-8").splitlines()
+    assert {line for line in listed if not line.startswith("#")} == needed | {"editables", "hatchling"}
+    pins = {
+        name: (ROOT / f"{name}.lock").read_text(encoding="utf-8") for name in ("requirements", "requirements-check")
+    }
+    versions = {name: set(re.findall(r"(?m)^\S+==\S+", text)) for name, text in pins.items()}
+    assert versions["requirements-check"] < versions["requirements"]
+    assert {pin.partition("==")[0].lower() for pin in versions["requirements-check"]} >= needed
+    assert not {pin.partition("==")[0].lower() for pin in versions["requirements-check"]} & NOT_TO_CHECK
+
+
 def built(kind: str, out: Path) -> Path:
     """Build the package, a `wheel` or an `sdist`, from the checkout."""
     command = [sys.executable, "-m", "build", f"--{kind}", "--no-isolation", "--outdir", str(out), str(ROOT)]
