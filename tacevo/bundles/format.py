@@ -16,7 +16,8 @@ from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError
 from tacevo.storage.entries import CANDIDATES, ReadBudget, unpack_in_memory
 from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.run_directory import MANIFEST, PARTS
+from tacevo.storage.places import MANIFEST
+from tacevo.storage.run_directory import PARTS
 from tacevo.storage.store import Entry
 from tacevo.storage.zipfiles import LONGEST_NAME, packed, read_members
 

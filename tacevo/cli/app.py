@@ -6,16 +6,17 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NoReturn
 
 from tacevo import __version__
 from tacevo.cli.commands import OURS, WITHOUT_ANALYSIS
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser, tell
 from tacevo.cli.edge import Terminated, check_analysis, edge
-from tacevo.config.conf_folder import reading_own
+from tacevo.config.conf_folder import groups, reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.parts.kinds import COMMAND_GROUPS, COMMANDS
 from tacevo.parts.registry import Part, needing_parts, ours, parts, raised
-from tacevo.text import unbroken
+from tacevo.text import nearest, unbroken
 
 #: What replaced commands of the last release.
 _REPLACED = {
@@ -108,10 +109,30 @@ def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
         parser.error("a file of overrides (@FILE) must be text in UTF-8, with one override a line")
     strange = [word for word in rest if word.startswith("-") or "=" not in word]
     if strange or (rest and "overrides" not in options):
-        options.parser.error(f"unrecognized arguments: {' '.join(strange or rest)}")
+        _refuse(options.parser, strange or rest)
     if rest:
         options.overrides = [*options.overrides, *rest]
     return options
+
+
+def _refuse(parser: Parser, words: Sequence[str]) -> NoReturn:
+    """Refuse words that a command does not take, and say what was perhaps meant by the first.
+
+    Raises:
+        ConfigError: always.
+    """
+    name, _, value = words[0].partition("=")
+    bare = name.lstrip("-")
+    options = [option for option in parser.option_names if option != "--help"]
+    if not name.startswith("-"):
+        remedy = ""
+    elif bare in {*groups(), "seed"} or "." in bare:
+        remedy = f"a setting is written without dashes: {bare}={value or [*words[1:], 'VALUE'][0]}"
+    else:
+        remedy = nearest(bare, [option.lstrip("-") for option in options], "", before="--")
+    raise ConfigError(
+        f"unrecognized arguments: {' '.join(words)}", place=parser.prog, remedy=remedy or parser.ask_help
+    )
 
 
 def _parser(command: str | None, second: str | None) -> Parser:

@@ -15,7 +15,7 @@ from tacevo.choices import Primary
 from tacevo.cli.common import FORMATS, Format, check_names, place_of_results, places_of, tell, whole_number
 from tacevo.cli.signature import AT_LEAST_ONE, GONE, REPEATED, Command, Takes, UsageError, command
 from tacevo.parts.kinds import COMMAND_GROUPS
-from tacevo.storage.places import check_place
+from tacevo.storage.places import check_place, check_sweep, sibling
 
 
 def _place(text: str) -> str:
@@ -25,6 +25,16 @@ def _place(text: str) -> str:
         RunError: nothing is there.
     """
     check_place(Path(text))
+    return text
+
+
+def _sweep_place(text: str) -> str:
+    """Read the path of a sweep.
+
+    Raises:
+        RunError: nothing is there, or a run.
+    """
+    check_sweep(Path(text))
     return text
 
 
@@ -41,7 +51,9 @@ def _run_or_setting(word: str) -> str:
 def _configs(text: str) -> str:
     if Path(text).is_dir():
         return text
-    raise argparse.ArgumentTypeError(f"expected a directory of configs, as `tacevo init` writes one; got {text}")
+    remedy = sibling(Path(text))
+    meant = f"; {remedy}" if remedy else ""
+    raise argparse.ArgumentTypeError(f"expected a directory of configs, as `tacevo init` writes one; got {text}{meant}")
 
 
 def _share(text: str) -> float:
@@ -59,7 +71,7 @@ def _whole(text: str) -> int:
 
 Run = Annotated[str, Takes("RUN", _place)]
 
-SweepPlace = Annotated[str, Takes("SWEEP", _place)]
+SweepPlace = Annotated[str, Takes("SWEEP", _sweep_place)]
 
 RunOrSetting = Annotated[str, Takes("RUN or SETTING", _run_or_setting)]
 
@@ -439,7 +451,7 @@ def cache_verify(*, store: Dir = "cache") -> int:
 
 
 @command()
-def cache_export(run: Annotated[str, Takes("RUN")], *, output: File, store: Dir | None = None) -> int:
+def cache_export(run: Run, *, output: File, store: Dir | None = None) -> int:
     """Write exactly the entries that a run needs into one file.
 
     Args:

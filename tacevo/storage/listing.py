@@ -10,6 +10,7 @@ from tacevo.errors import StoreError
 from tacevo.records import Completion, Request, Setting
 from tacevo.storage.array_store import KIND, check_array
 from tacevo.storage.canonical import content_hash, differences, shown
+from tacevo.storage.places import sibling
 from tacevo.storage.store import KINDS, Entry, check_entry, write_entry
 from tacevo.text import table
 from tacevo.typed import convert
@@ -64,7 +65,7 @@ def verify(root: Path) -> tuple[list[str], int]:
 
 def _check_folder(root: Path) -> None:
     if not root.is_dir():
-        expected, remedy = "the directory of stores", "name it by --store"
+        expected, remedy = "the directory of stores", sibling(root, "name it by --store")
         raise StoreError("a path that is not one", place=str(root), expected=expected, remedy=remedy)
 
 
