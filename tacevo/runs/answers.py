@@ -68,7 +68,9 @@ def _read(path: Path) -> Completion:
     except (OSError, UnicodeDecodeError) as error:
         got = f"one that cannot be read ({error.strerror})" if isinstance(error, OSError) else str(error)
         remedy = "" if path.exists() else sibling(path)
-        raise ConfigError(got, place=str(path), expected="the file of an answer: text in UTF-8", remedy=remedy) from error
+        raise ConfigError(
+            got, place=str(path), expected="the file of an answer: text in UTF-8", remedy=remedy
+        ) from error
     stop_reason = "end_turn"
     if path.suffix == ".json":
         text, stop_reason = _recorded(path, text)
