@@ -46,6 +46,7 @@ $(DEV): $(READY) requirements-dev.lock
 demo: $(READY) ## run a small search, train its best networks again with other seeds, and print what was found
 	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
 	$(BIN)/tacevo noise runs/demo elites=2 seeds=12
+	$(BIN)/tacevo report runs/demo
 
 test: $(DEV) ## run the quick tests, two at a time (ten minutes on two slow cores)
 	$(BIN)/pytest $(TWO)

@@ -128,8 +128,8 @@ def search(
     """Run a search or a sweep, or continue one that was stopped.
 
     Run a search. The same command continues a stopped run, and repeats a finished one in seconds. Most searches set
-    these alone: experiment=NAME, its size; llm=NAME, the model that is asked; task=NAME and data=NAME data.root=DIR, the
-    images; seed=N.
+    these alone: experiment=NAME, its size; llm=NAME, the model that is asked; task=NAME and data=NAME data.root=DIR,
+    the images; seed=N.
 
     Examples:
       # a small search, in minutes
@@ -204,7 +204,7 @@ def extend(
 
 @command(reads_files=True, more=_more("of_study"))
 def study(*overrides: RunOrSetting, config_dir: Configs | None = None) -> int:
-    """Train a run's best networks and the baseline fully, with many seeds, and test them.
+    r"""Train a run's best networks and the baseline fully, with many seeds, and test them.
 
     Train the baseline and the best elites of a finished run, or of each job of a sweep, or networks of your own, fully,
     each with the same training seeds, and measure them on the test images. The exit status is 1 if a training or a job
@@ -221,7 +221,7 @@ def study(*overrides: RunOrSetting, config_dir: Configs | None = None) -> int:
       tacevo study sweep=sweeps/NAME arms=none,drift
       # networks of your own, also on several data sets, with a table of them
       tacevo study networks=library/force/published task=force data.image_size=64
-      tacevo study networks=[a.py,b.py] task=grating data=tacverse \\
+      tacevo study networks=[a.py,b.py] task=grating data=tacverse \
           data.root=DIR data.sensor=A,B
       # the baseline alone
       tacevo study task=hardness
@@ -734,14 +734,14 @@ def pairs(
     reference: Annotated[str, Takes("ARM")] | None = None,
     store: Dir | None = None,
 ) -> int:
-    """Compare the arms of a sweep answer by answer: the same questions, asked in other ways.
+    r"""Compare the arms of a sweep answer by answer: the same questions, asked in other ways.
 
     In the first generation after generation 0 the arms of a seed ask a model for children of the same parents by the
     same instructions, so two answers differ by nothing but what tells the arms apart. Print the tables, and write them
     as .tex, .md and .csv.
 
     Examples:
-      tacevo search -m experiment=pairs llm=anthropic \\
+      tacevo search -m experiment=pairs llm=anthropic \
           'prompts.tells=[],[fitness]' seed=0,1,2 --into sweeps/tells
       tacevo pairs sweeps/tells
 

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -109,6 +110,14 @@ def comparison(sweep: Path) -> str:
 def tell(text: object = "", *, error: bool = False, end: str = "\n", flush: bool = False) -> None:
     """Print a text, whoever wrote it, so that the terminal obeys none of it; `error` is on standard error."""
     print(printable(str(text)), file=sys.stderr if error else sys.stdout, end=end, flush=flush)
+
+
+def tell_markdown(text: str) -> None:
+    """Print Markdown of ours: on a terminal without its marks, which are for files and pages."""
+    if sys.stdout.isatty():
+        text = re.sub(r"(?m)^\*\*(.*)\*\*$", r"\1", text)
+        text = re.sub(r"\\([\\`*\[\]{}|~$^@#_<&!:.+\-=>)])", r"\1", text)
+    tell(text, end="" if text.endswith("\n") else "\n")
 
 
 def agreed(question: str, yes: bool) -> bool:
