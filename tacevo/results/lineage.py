@@ -23,4 +23,4 @@ def changes(run: RecordedRun, name: str) -> list[str]:
 def _asked(run: RecordedRun, line: CandidateLine) -> str:
     if line.operator is Operator.crossover or line.prompt is None:
         return f"crossed with {line.parents[-1]}"
-    return on_a_line(run.task.instructions[line.prompt].text).rstrip(".")
+    return on_a_line(run.record.task.instructions[line.prompt].text).rstrip(".")

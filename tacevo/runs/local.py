@@ -17,7 +17,6 @@ from tacevo.text import counted
 from tacevo.training import evaluation
 from tacevo.training.numerics import check_machine
 
-
 #: How many workers a core has before that is warned of.
 _MOST_WORKERS = 4
 

@@ -111,4 +111,4 @@ def test_more_networks_need_more_evidence() -> None:
     names = ["baseline", *map(str, range(50))]
     crowded = noise_outcome(estimated(names, [BASELINE, *[wins] * 50]), "force", None).caption
     assert "beats the baseline" in clear
-    assert crowded.startswith("None of the search's 51 best networks can")
+    assert crowded.startswith("None of the search's 50 best networks can")
