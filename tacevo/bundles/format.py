@@ -17,8 +17,7 @@ from tacevo.storage.entries import CANDIDATES, ReadBudget, unpack_in_memory
 from tacevo.storage.ledger import broken_line
 from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.places import MANIFEST
-from tacevo.storage.run_directory import PARTS
+from tacevo.storage.run_directory import MANIFEST, PARTS
 from tacevo.storage.store import Entry
 from tacevo.storage.zipfiles import LONGEST_NAME, packed, read_members
 

@@ -33,8 +33,7 @@ from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.members import Member, as_tree
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.places import MANIFEST
-from tacevo.storage.run_directory import PARTS, RunDirectory, RunRecord, run_text, timing_text
+from tacevo.storage.run_directory import MANIFEST, PARTS, RunDirectory, RunRecord, run_text, timing_text
 from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.storage.zipfiles import names_in

@@ -233,5 +233,5 @@ class Watcher:
             skipped = "" if line.skipped is None else f", {line.skipped} skipped"
             trained = f": {line.trained} of {line.candidates} candidates {self._did}{repaired}{skipped}"
             did = " replayed:" if self._is_replay else f"{trained},"
-            done = f"{self._done} of {self._most} slots done{self._left()}"
+            done = f"{self._done} of {self._most} candidates done{self._left()}"
             self._view.say(f"generation {line.generation}{did} {reached} ({done})")

@@ -23,8 +23,8 @@ _USUAL = ("runs", "sweeps", "cache/published")
 #: The files of which a directory of a run or a sweep has one.
 _RECORDS = ("run.json", "sweep.json")
 
-#: The file of a published run with the digests of all other files, in the form that `sha256sum --check` reads.
-MANIFEST = "manifest-sha256.txt"
+#: Lies in the directory of an unpacked bundle (`tacevo.storage.run_directory.MANIFEST`, whose module takes longer).
+_UNPACKED = "manifest-sha256.txt"
 
 #: How many names a message lists.
 _MOST = 3
@@ -69,7 +69,7 @@ def check_place(path: Path) -> None:
 
 def _is_one(path: Path) -> bool:
     """Answer whether a directory is a run's, a sweep's, a study's or an unpacked bundle's, of which its reader says."""
-    return any((path / name).exists() for name in (*_RECORDS, "ledger.jsonl", "study.json", MANIFEST))
+    return any((path / name).exists() for name in (*_RECORDS, "ledger.jsonl", "study.json", _UNPACKED))
 
 
 def _held(folder: Path) -> Iterator[str]:

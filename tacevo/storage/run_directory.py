@@ -33,7 +33,6 @@ from tacevo.rules import FIRST_PAGES
 from tacevo.storage.canonical import canonical, readable, value_at
 from tacevo.storage.files import is_in_use, locked, remove_leftovers, write_durably
 from tacevo.storage.members import Member
-from tacevo.storage.places import MANIFEST
 from tacevo.typed import FreeJson, parse
 
 #: A candidate's file holds its source, or the answer that was rejected.
@@ -43,6 +42,9 @@ _ENDINGS = {".py", ".rejected.txt"}
 PARTS = "parts"
 
 _MAKES = "`tacevo search` makes one, and prints its name"
+
+#: The file of a published run with the digests of all other files, in the form that `sha256sum --check` reads.
+MANIFEST = "manifest-sha256.txt"
 
 
 def name_instead(path: Path) -> str:

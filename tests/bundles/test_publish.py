@@ -20,7 +20,7 @@ from smallest import SIMULATED, UNTRACKED
 
 from tacevo.bundles.format import STORE
 from tacevo.cli.app import main
-from tacevo.storage.places import MANIFEST
+from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import SEARCHED, Store
 
 pytestmark = pytest.mark.room("publishing")

@@ -16,7 +16,7 @@ from tacevo.cli.app import main
 from tacevo.errors import BundleError, TacevoError
 from tacevo.results.study_directory import studies_of
 from tacevo.storage.canonical import readable
-from tacevo.storage.places import MANIFEST
+from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.zipfiles import packed
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "bundles"

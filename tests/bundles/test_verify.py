@@ -31,7 +31,7 @@ from tacevo.errors import BundleError
 from tacevo.runs.progress import Progress
 from tacevo.storage.canonical import canonical, readable
 from tacevo.storage.ledger import GENESIS, seal
-from tacevo.storage.places import MANIFEST
+from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import KINDS
 
 

@@ -19,7 +19,7 @@ from tacevo.storage.canonical import canonical, readable
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import GENESIS, seal
-from tacevo.storage.places import MANIFEST
+from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import Entry, read_entry
 
 Members = dict[str, bytes]
