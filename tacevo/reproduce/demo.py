@@ -44,7 +44,7 @@ def compared(run: RecordedRun, noise: StudyDirectory) -> str:
     if study.digest == DEMO.digest:
         trained = sum(line.evaluation is not None for line in run.candidates)
         trainings = counted(trained + len(study.networks) * study.seeds, "training")
-        return f"equal to the digest in README: {trainings} have the same bits as there"
+        return f"equal to the digest in README: all {trainings} have the same bits as there"
     others = deviations(DEMO.versions, versions())
     computes = "a CPU that computes otherwise (`tacevo doctor` compares it)"
     why = f"other versions ({listed(others)})" if others else computes
