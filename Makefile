@@ -5,7 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DEV := $(VENV)/.ready-dev
-PIP := $(BIN)/pip --disable-pip-version-check --quiet
+# Pip alone is still for a minute and more.
+INSTALL := $(BIN)/python .ci/install.py
 PEERS := build/peers
 DOCS := build/docs
 
@@ -31,15 +32,15 @@ $(READY): requirements.lock torch.lock pyproject.toml
 	@echo "On Linux without a GPU, PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu saves gigabytes of CUDA;"
 	@echo "where it cannot be reached, leave it unset (docs/installation.md)."
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) install --no-deps --require-hashes --requirement requirements.lock
-	$(PIP) install --requirement torch.lock
-	$(PIP) install --no-deps --no-build-isolation --editable .
+	$(INSTALL) --no-deps --require-hashes --requirement requirements.lock
+	$(INSTALL) --requirement torch.lock
+	$(INSTALL) --no-deps --no-build-isolation --editable .
 	$(BIN)/pip check
 	@touch $@
 
 $(DEV): $(READY) requirements-dev.lock
 	@echo "Installing what tests and checks need into $(VENV): 45 packages, 0.9 GB more."
-	$(PIP) install --no-deps --require-hashes --requirement requirements-dev.lock
+	$(INSTALL) --no-deps --require-hashes --requirement requirements-dev.lock
 	$(BIN)/pip check
 	@touch $@
 
@@ -57,6 +58,7 @@ $(CHECK)/.ready: requirements-check.lock pyproject.toml
 demo: $(READY) ## run a small search, train its best networks again with other seeds, and print what was found
 	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
 	$(BIN)/tacevo noise runs/demo elites=2 seeds=12
+	$(BIN)/tacevo report runs/demo
 
 test: $(DEV) ## run the quick tests, two at a time (ten minutes on two slow cores)
 	$(BIN)/pytest $(TWO)
@@ -169,7 +171,7 @@ docs: $(DOCS)/.ready ## build the site into build/docs/site: every page, the ref
 
 $(DOCS)/.ready: $(READY) requirements-docs.lock
 	$(PYTHON) -m venv $(DOCS)
-	$(DOCS)/bin/pip install --quiet --disable-pip-version-check --no-deps --require-hashes --requirement requirements-docs.lock
+	$(DOCS)/bin/python .ci/install.py --no-deps --require-hashes --requirement requirements-docs.lock
 	@touch $@
 
 OURS := --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel

@@ -1,5 +1,7 @@
 """What a noise run found, on one screen: one table, and in a line each what to beware of."""
 
+from collections.abc import Sequence
+
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, superiority
 from analysis.studies.noise import SeedNoise
@@ -66,20 +68,29 @@ def _finding(noise: SeedNoise) -> str | None:
         return None
     chances = [superiority(values, baseline, level=_level(len(others))) for values in others]
     ranked = noise.frame[1:].assign(low=[chance.low for chance in chances]).sort_values("median", kind="stable")
-    better = [f"{one.candidate} ({shown(one.median)})" for one in ranked[ranked.low > 0.5].itertuples()]
+    better = [f"{shown(one.median)} ({one.candidate})" for one in ranked[ranked.low > 0.5].itertuples()]
     worse = sum(chance.high < 0.5 for chance in chances)
-    rest = [
-        f"{count} {words}"
-        for count, words in ((len(others) - len(better) - worse, "cannot be told from it"), (worse, "worse"))
-        if count
-    ]
-    named = f": {listed(better, most=MOST)}" if better else ""
-    trained = " that trained with every seed" if again.failed else ""
-    return (
-        f"Of {counted(len(others), 'elite')}, the best on record{trained}, {len(better) or 'none'} can be called "
-        f"better than the baseline, whose loss is {shown(again.medians[0])}{named}"
-        f"{''.join(f'; {one}' for one in rest)} (medians of {counted(again.seeds, 'other seed')})."
-    )
+    alike = len(others) - len(better) - worse
+    rest = [f"{alike} cannot be told from it"] if alike else []
+    rest += [f"{worse} {'is' if worse == 1 else 'are'} worse"] if worse else []
+    seeds = f"{counted(again.seeds, 'seed')} that the search did not use"
+    number, loss = len(better), shown(again.medians[0])
+    if not better:
+        can = f"{_named(int(len(others) == 1), len(others), again.failed)} {'cannot' if len(others) == 1 else 'can'}"
+        return f"{can} be said to beat the baseline, whose median loss is {loss} over {seeds}: {' and '.join(rest)}."
+    losses = f"{listed(better[:-1], most=MOST)} and {better[-1]}" if 1 < number <= MOST else listed(better, most=MOST)
+    beat = f"{_named(number, len(others), again.failed)} {'beats' if number == 1 else 'beat'} the baseline"
+    return f"{beat}: median loss {losses} against {loss}, over {seeds}{''.join(f'; {one}' for one in rest)}."
+
+
+def _named(number: int, others: int, failed: Sequence[object]) -> str:
+    """Name so many of the networks of a noise run, which are the best of the search that trained with every seed."""
+    every = " that trained with every seed" if failed else ""
+    if number == others == 1:
+        return f"The search's best network{every}"
+    if number == others:
+        return f"{'Both' if number == 2 else f'All {number}'} of the search's best networks{every}"
+    return f"{number or 'None'} of the search's {counted(others, 'best network')}{every}"
 
 
 def _level(others: int) -> float:

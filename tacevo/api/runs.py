@@ -29,7 +29,7 @@ from tacevo.parts.registry import needing_parts
 from tacevo.results.run import RecordedRun
 from tacevo.results.summary import summarise
 from tacevo.runs.profiles import recall_profiles
-from tacevo.runs.progress import SILENCE, Progress
+from tacevo.runs.progress import Progress
 from tacevo.text import listed, nearest
 from tacevo.typed import convert
 
@@ -204,7 +204,7 @@ class Run:
         self._read_source(candidate)
         check_walls(self.place)
         line = next(line for line in self.recorded.candidates if line.id == candidate)
-        with progress(quiet, silence=5.0) as view:
+        with progress(quiet) as view:
             bundle = self.place.digest
             write_export(
                 self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view, root=root
@@ -449,8 +449,8 @@ def _outcome(line: CandidateLine) -> str:
     return {"new": "new", "improved": "improved", "rejected": "not_kept"}[line.status.value]
 
 
-def progress(quiet: bool, silence: float = SILENCE) -> Progress:
-    """Return what shows how far work is, on standard error, or nothing; a log gets a line after so many seconds."""
+def progress(quiet: bool) -> Progress:
+    """Return what shows how far work is, on standard error, or nothing."""
     from rich.console import Console
 
-    return Progress(Console(quiet=True) if quiet else None, silence)
+    return Progress(Console(quiet=True) if quiet else None)

@@ -14,6 +14,7 @@ from pathlib import Path
 from tacevo.bundles.texts import check_papers
 from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError, TacevoError
 from tacevo.storage.entries import CANDIDATES, ReadBudget, unpack_in_memory
+from tacevo.storage.ledger import broken_line
 from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST, PARTS
@@ -107,7 +108,7 @@ def read_bundle(source: Path) -> tuple[Member, Member, str]:
         digests = {name: hashlib.sha256(data).hexdigest() for name, data in members.items()}
         _check_layout(source, digests)
         digest = digests.pop(MANIFEST)
-        _check_manifest(source, members[MANIFEST].decode(errors="replace"), digests)
+        _check_manifest(source, members, digests)
         tree = as_tree(members)
         root = Member(str(source), tree, between=", ")
         check_papers(root)
@@ -170,8 +171,9 @@ def _check_layout(source: Path, names: Collection[str]) -> None:
         raise BundleError(repr(foreign[0]), place=str(source), expected="files of a published sweep only")
 
 
-def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> None:
+def _check_manifest(source: Path, members: Mapping[str, bytes], digests: Mapping[str, str]) -> None:
     """Compare the members with the manifest."""
+    manifest = members[MANIFEST].decode(errors="replace")
     listed: dict[str, str] = {}
     for number, line in enumerate(manifest.removesuffix("\n").split("\n"), start=1):
         match = _MANIFEST_LINE.fullmatch(line)
@@ -183,7 +185,8 @@ def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> 
     for name in sorted(listed.keys() | digests.keys()):
         if listed.get(name) != digests.get(name):
             edited = "was edited or damaged" if name in listed else "is not listed"
-            got = f"{name!r} {edited if name in digests else 'is missing'}"
+            line = broken_line(members[name]) if name in digests and name.endswith(".jsonl") else ""
+            got = f"{name!r}{f', {line},' if line else ''} {edited if name in digests else 'is missing'}"
             raise BundleError(got, place=str(source), expected=f"the files that {MANIFEST} lists")
     if manifest != _manifest(digests):
         got = "the same digests in another text"

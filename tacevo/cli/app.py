@@ -4,18 +4,21 @@ import argparse
 import contextlib
 import signal
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import NoReturn
 
 from tacevo import __version__
 from tacevo.cli.commands import OURS, WITHOUT_ANALYSIS
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser, tell
 from tacevo.cli.edge import Terminated, check_analysis, edge
-from tacevo.config.conf_folder import reading_own
+from tacevo.cli.signature import WIDTH, Paragraphs
+from tacevo.config.conf_folder import groups, reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.parts.kinds import COMMAND_GROUPS, COMMANDS
 from tacevo.parts.registry import Part, needing_parts, ours, parts, raised
-from tacevo.text import unbroken
+from tacevo.text import nearest, unbroken
 
 #: What replaced commands of the last release.
 _REPLACED = {
@@ -32,19 +35,22 @@ _DESCRIPTION = "Architecture search for vision-based tactile sensors that can be
 
 _EPILOG = """\
 examples:
-  tacevo search experiment=demo               a small search, in minutes
-  tacevo search experiment=demo seed=1        another one
-  tacevo search -m experiment=demo ablation=none,fixed_temperature seed=0,1   a sweep of four
-  tacevo replay runs/NAME                     run it again from its stores and compare
-  tacevo replay runs/NAME --retrain 5         and train its best network and five others again, bit for bit
-  tacevo publish runs/NAME -o NAME.zip        one file with which anybody can replay it
-  tacevo extend NAME.zip search.generations=30   search on from its end
-  tacevo noise runs/NAME                      what its fitnesses are worth: its elites under other training seeds
-  tacevo plan study runs/NAME --effect 0.1    seeds that find 10 % less error, from the spread of a pilot study
-  tacevo study runs/NAME                      its best networks and the baseline, trained fully with 20 seeds each
-  tacevo show runs/NAME g02s03                one candidate, its numbers and its source
-  tacevo data check task=grating              what a data set holds, and a contact sheet of it
-"""
+  # a small search, in minutes
+  tacevo search experiment=demo
+  # a sweep of four searches: two arms, two seeds
+  tacevo search -m experiment=demo ablation=none,fixed_temperature seed=0,1
+  # run it again from its stores, and compare
+  tacevo replay runs/NAME
+  # and train its best network and five others again, bit for bit
+  tacevo replay runs/NAME --retrain 5
+  # what its fitnesses are worth: its elites under other training seeds
+  tacevo noise runs/NAME
+  # its best networks and the baseline, trained fully with 20 seeds each
+  tacevo study runs/NAME
+  # one candidate, its numbers and its source
+  tacevo show runs/NAME g02s03
+  # one file with which anybody can replay it
+  tacevo publish runs/NAME -o NAME.zip"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -108,10 +114,28 @@ def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
         parser.error("a file of overrides (@FILE) must be text in UTF-8, with one override a line")
     strange = [word for word in rest if word.startswith("-") or "=" not in word]
     if strange or (rest and "overrides" not in options):
-        options.parser.error(f"unrecognized arguments: {' '.join(strange or rest)}")
+        _refuse(options.parser, strange or rest)
     if rest:
         options.overrides = [*options.overrides, *rest]
     return options
+
+
+def _refuse(parser: Parser, words: Sequence[str]) -> NoReturn:
+    """Refuse words that a command does not take, and say what was perhaps meant by the first.
+
+    Raises:
+        ConfigError: always.
+    """
+    name, _, value = words[0].partition("=")
+    bare = name.lstrip("-")
+    options = [option for option in parser.option_names if option != "--help"]
+    if not name.startswith("-"):
+        remedy = ""
+    elif bare in {*groups(), "seed"} or "." in bare:
+        remedy = f"a setting is written without dashes: {bare}={value or [*words[1:], 'VALUE'][0]}"
+    else:
+        remedy = nearest(bare, [option.lstrip("-") for option in options], "", before="--")
+    raise ConfigError(f"unrecognized arguments: {' '.join(words)}", place=parser.prog, remedy=remedy or parser.ask_help)
 
 
 def _parser(command: str | None, second: str | None) -> Parser:
@@ -122,7 +146,7 @@ def _parser(command: str | None, second: str | None) -> Parser:
         prog="tacevo",
         description=f"{_DESCRIPTION}\n\n{_listed(known)}",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=Paragraphs,
     )
     parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
     parser.set_defaults(interrupted="the same command does what is left")  # which may be all
@@ -172,7 +196,11 @@ def _listed(known: Sequence[Part]) -> str:
     lines = []
     groups = {title: {name: OURS[name].line for name in group} for title, group in COMMAND_GROUPS.items()}
     for title, group in (groups | ({"parts": others} if others else {})).items():
-        lines += [f"{title}:", *(f"  {name.ljust(width)}  {line}" for name, line in group.items()), ""]
+        lines.append(f"{title}:")
+        for name, line in group.items():
+            indent = " " * (width + 4)
+            lines += textwrap.wrap(line, WIDTH, initial_indent=f"  {name.ljust(width)}  ", subsequent_indent=indent)
+        lines.append("")
     return "\n".join(lines).rstrip()
 
 

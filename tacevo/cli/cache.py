@@ -8,7 +8,7 @@ from tacevo.reproduce.entry_files import import_file, write_entries
 from tacevo.reproduce.prune import unused
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import remove_leftovers
-from tacevo.storage.listing import list_entries, verify
+from tacevo.storage.listing import describe_entries, verify
 from tacevo.text import counted
 
 
@@ -30,8 +30,7 @@ def prune_entries(folders: Sequence[Path], store: str, *, yes: bool) -> int:
     if not files:
         tell(f"every entry of {root} is needed by {counted(runs, 'run')}")
         return DONE
-    tell(list_entries(root, files))
-    tell(f"{counted(runs, 'run')} here need none of these. A run elsewhere may; a model's answers would be paid again.")
+    tell(f"{describe_entries(root, files)}: {counted(runs, 'run')} here need none of these, a run elsewhere may")
     if not agreed(f"remove {counted(len(files), 'file')} from {root}?", yes):
         return DIFFERENT
     for file in files:

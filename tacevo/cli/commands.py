@@ -13,9 +13,9 @@ from typing import Annotated, Literal
 
 from tacevo.choices import Primary
 from tacevo.cli.common import FORMATS, Format, check_names, place_of_results, places_of, tell, whole_number
-from tacevo.cli.signature import AT_LEAST_ONE, GONE, REPEATED, Command, Takes, UsageError, command
+from tacevo.cli.signature import AT_LEAST_ONE, HIDDEN, REPEATED, Command, Takes, UsageError, command
 from tacevo.parts.kinds import COMMAND_GROUPS
-from tacevo.storage.places import check_place
+from tacevo.storage.places import check_place, check_sweep, sibling
 
 
 def _place(text: str) -> str:
@@ -25,6 +25,16 @@ def _place(text: str) -> str:
         RunError: nothing is there.
     """
     check_place(Path(text))
+    return text
+
+
+def _sweep_place(text: str) -> str:
+    """Read the path of a sweep.
+
+    Raises:
+        RunError: nothing is there, or a run.
+    """
+    check_sweep(Path(text))
     return text
 
 
@@ -41,7 +51,9 @@ def _run_or_setting(word: str) -> str:
 def _configs(text: str) -> str:
     if Path(text).is_dir():
         return text
-    raise argparse.ArgumentTypeError(f"expected a directory of configs, as `tacevo init` writes one; got {text}")
+    remedy = sibling(Path(text))
+    meant = f"; {remedy}" if remedy else ""
+    raise argparse.ArgumentTypeError(f"expected a directory of configs, as `tacevo init` writes one; got {text}{meant}")
 
 
 def _share(text: str) -> float:
@@ -59,7 +71,7 @@ def _whole(text: str) -> int:
 
 Run = Annotated[str, Takes("RUN", _place)]
 
-SweepPlace = Annotated[str, Takes("SWEEP", _place)]
+SweepPlace = Annotated[str, Takes("SWEEP", _sweep_place)]
 
 RunOrSetting = Annotated[str, Takes("RUN or SETTING", _run_or_setting)]
 
@@ -103,8 +115,8 @@ def search(
     *overrides: Override,
     estimate: bool = False,
     cfg: Literal["job"] | None = None,
-    resolve: bool = False,
-    info: Annotated[str, Takes("WHAT", bare="all")] | None = None,
+    resolve: Annotated[bool, HIDDEN] = False,
+    info: Annotated[str, Takes("WHAT", bare="all"), HIDDEN] | None = None,
     multirun: bool = False,
     into: Dir | None = None,
     reference: Annotated[str, Takes("ARM")] | None = None,
@@ -115,7 +127,20 @@ def search(
 ) -> int:
     """Run a search or a sweep, or continue one that was stopped.
 
-    Run a search. The same command continues a stopped run, and repeats a finished one in seconds.
+    Run a search. The same command continues a stopped run, and repeats a finished one in seconds. Most searches set
+    these alone: experiment=NAME, its size; llm=NAME, the model that is asked; task=NAME and data=NAME data.root=DIR,
+    the images; seed=N.
+
+    Examples:
+      # a small search, in minutes
+      tacevo search experiment=demo
+      # what a search with a model would cost, without asking it
+      tacevo search --estimate experiment=paper_force llm=anthropic
+      tacevo search experiment=paper_force llm=anthropic llm.budget_usd=5
+      # a sweep of four searches: two arms, two seeds
+      tacevo search -m experiment=demo ablation=none,drift seed=0,1
+      # ten seeds: quote what has brackets
+      tacevo search -m experiment=demo 'seed=range(0,10)'
 
     Args:
         overrides: GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line
@@ -160,6 +185,10 @@ def extend(
     Replay a finished run, and search on from its end in a new run directory, whose ledger begins with the lines of the
     published one. The published run and its stores are only read.
 
+    Examples:
+      tacevo extend cache/published/grating-grammar.zip search.generations=30
+      tacevo extend runs/NAME search.generations=30 run.dir=runs/LONGER
+
     Args:
         run: the directory or bundle of a run, or SWEEP.zip/JOB
         overrides: GROUP=CHOICE or KEY=VALUE, as in Hydra; a larger search.generations is needed
@@ -175,7 +204,7 @@ def extend(
 
 @command(reads_files=True, more=_more("of_study"))
 def study(*overrides: RunOrSetting, config_dir: Configs | None = None) -> int:
-    """Train a run's best networks and the baseline fully, with many seeds, and test them.
+    r"""Train a run's best networks and the baseline fully, with many seeds, and test them.
 
     Train the baseline and the best elites of a finished run, or of each job of a sweep, or networks of your own, fully,
     each with the same training seeds, and measure them on the test images. The exit status is 1 if a training or a job
@@ -185,12 +214,17 @@ def study(*overrides: RunOrSetting, config_dir: Configs | None = None) -> int:
       tacevo study runs/NAME
       tacevo study runs/NAME elites=2 seeds=5 epochs=10 executor.workers=8
       tacevo study runs/NAME margins.regression.value=0.05
-      tacevo study runs/NAME data.split_seed=7            # the same networks on other data: any setting of data
-      tacevo study sweep=sweeps/NAME seeds=5              # for `tacevo ablations`, which compares arms by these scores
-      tacevo study sweep=sweeps/NAME arms=none,drift      # of two of its arms
+      # the same networks on other data: any setting of data
+      tacevo study runs/NAME data.split_seed=7
+      # for `tacevo ablations`, which compares arms by these scores; of two arms
+      tacevo study sweep=sweeps/NAME seeds=5
+      tacevo study sweep=sweeps/NAME arms=none,drift
+      # networks of your own, also on several data sets, with a table of them
       tacevo study networks=library/force/published task=force data.image_size=64
-      tacevo study networks=[a.py,b.py] task=grating data=tacverse data.root=DIR data.sensor=A,B   # each, and a table
-      tacevo study task=hardness                          # the baseline alone
+      tacevo study networks=[a.py,b.py] task=grating data=tacverse \
+          data.root=DIR data.sensor=A,B
+      # the baseline alone
+      tacevo study task=hardness
 
     Beside networks= and task=, settings of `tacevo search` hold for the run that the networks are recorded in: task,
     data, training, numerics, gate, sandbox, seed, experiment, tracking and run.dir.
@@ -238,6 +272,10 @@ def tabulate(*overrides: Override, output: File, seeds: Count = 1, config_dir: C
     Probe every network of a closed space (llm.space) and train it fully, for training.epochs epochs with each of some
     seeds; write all of it into one file, for searches with data=table. The same command continues a stopped one.
 
+    Examples:
+      tacevo tabulate experiment=space --output table.zip
+      tacevo search experiment=table data.table=table.zip
+
     Args:
         overrides: GROUP=CHOICE or KEY=VALUE, as in Hydra
         output: the file to write, such as table.zip
@@ -259,6 +297,10 @@ def plan_study(
     output: Dir = "build/plan",
 ) -> int:
     """Plan the training seeds of each network.
+
+    Examples:
+      tacevo plan study cache/published/grating-grammar.zip --effect 0.01
+      tacevo study runs/NAME seeds=SEEDS plan=build/plan/plan.json
 
     Args:
         runs: a pilot run (directory or bundle; all its finished studies are used), or the directory of one study
@@ -284,6 +326,10 @@ def plan_sweep(
     output: Dir = "build/plan",
 ) -> int:
     """Plan the jobs of each arm.
+
+    Examples:
+      tacevo plan sweep sweeps/PILOT --effect 0.05 --comparisons 3 -o plans
+      tacevo search -m ... 'seed=range(0,SEEDS)' --plan plans/plan.json
 
     Args:
         runs: a pilot sweep (directory or bundle)
@@ -323,13 +369,23 @@ def replay(
     trust_parts: bool = False,
     draw: Annotated[int, Takes("SEED", whole_number)] | None = None,
     table: File | None = None,
-    diff: Annotated[str, Takes("OTHER", bare="OTHER"), GONE] | None = None,
+    diff: Annotated[str, Takes("OTHER", bare="OTHER"), HIDDEN] | None = None,
 ) -> int:
     """Run a recorded search again from its stores and compare.
 
     Run a recorded search and its finished studies again, without model, training or data set, and compare every line;
     of a sweep, every search. With --retrain, also train the candidates again. A published run or sweep is replayed from
     its own records, with every table.
+
+    Examples:
+      # a published run, from the records in it
+      tacevo replay cache/published/grating-claude.zip
+      # and train its best network and five others again, bit for bit
+      tacevo replay cache/published/grating-claude.zip --retrain 5
+      tacevo replay runs/NAME
+      # a sweep, and one job of a published one
+      tacevo replay sweeps/NAME
+      tacevo replay cache/published/ablation-elites.zip/none-seed0
 
     Args:
         run: the directory of a run or a sweep, or a file that `tacevo publish` wrote; SWEEP.zip/JOB is one run of it
@@ -369,12 +425,19 @@ def export(
     output: Dir,
     store: Dir | None = None,
     retrained: bool = False,
-    register: Annotated[str, Takes("NAME", bare="NAME"), GONE] | None = None,
+    register: Annotated[str, Takes("NAME", bare="NAME"), HIDDEN] | None = None,
 ) -> int:
     """Take a network away: its weights, ONNX, a model card.
 
     Train a candidate again in the sandbox, and write it as a directory that needs no tacevo: the class, its weights,
     ONNX where it can hold the network, a model card. Needs `pip install -e '.[export]'`.
+
+    Examples:
+      tacevo export runs/NAME g02s03 -o network
+      # five trainings, whose mean answer is the model's
+      tacevo export runs/NAME g02s03 seeds=5 -o ensemble
+      # as the search trained it
+      tacevo export runs/NAME g02s03 like=search -o short
 
     Args:
         run: the directory or bundle of a run, or SWEEP.zip/JOB
@@ -411,6 +474,10 @@ def publish(
     Replay a finished run or sweep and its studies, and write all that a replay elsewhere needs, with tables, figures,
     licence and checksums, into one file: an RO-Crate.
 
+    Examples:
+      tacevo publish runs/NAME -o NAME.zip --author 'Ada Lovelace'
+      tacevo publish sweeps/NAME -o NAME.zip --license CC0-1.0
+
     Args:
         run: the directory of a run or of a sweep
         studies: the directory of a study of a run (default: all finished ones)
@@ -430,6 +497,9 @@ def publish(
 def cache_verify(*, store: Dir = "cache") -> int:
     """Check every entry; the exit status is 1 if one is damaged.
 
+    Examples:
+      tacevo cache verify
+
     Args:
         store: directory of the stores (default: cache)
     """
@@ -439,8 +509,11 @@ def cache_verify(*, store: Dir = "cache") -> int:
 
 
 @command()
-def cache_export(run: Annotated[str, Takes("RUN")], *, output: File, store: Dir | None = None) -> int:
+def cache_export(run: Run, *, output: File, store: Dir | None = None) -> int:
     """Write exactly the entries that a run needs into one file.
+
+    Examples:
+      tacevo cache export runs/NAME --output entries.xz
 
     Args:
         run: the directory of a run
@@ -456,6 +529,9 @@ def cache_export(run: Annotated[str, Takes("RUN")], *, output: File, store: Dir 
 def cache_import(file: File, *, store: Dir = "cache") -> int:
     """Verify such a file, then write its entries into the stores.
 
+    Examples:
+      tacevo cache import entries.xz --store cache
+
     Args:
         file: the file to read
         store: directory of the stores (default: cache)
@@ -468,6 +544,9 @@ def cache_import(file: File, *, store: Dir = "cache") -> int:
 @command()
 def cache_prune(*runs: Dir, store: Dir = "cache", yes: bool = False) -> int:
     """Remove the entries that no run here needs, after a question.
+
+    Examples:
+      tacevo cache prune runs sweeps
 
     Args:
         runs: directories of runs (default: this one)
@@ -482,6 +561,13 @@ def cache_prune(*runs: Dir, store: Dir = "cache", yes: bool = False) -> int:
 @command()
 def show(run: Run, candidate: Candidate | None = None, *, source: bool = False) -> int:
     """Show what a run found, one candidate of it, or how far the jobs of a sweep are.
+
+    Examples:
+      tacevo show runs/NAME
+      tacevo show runs/NAME g02s03
+      # its class alone, as a file
+      tacevo show runs/NAME g02s03 --source > network.py
+      tacevo show sweeps/NAME
 
     Args:
         run: the directory or bundle of a run or a sweep, or SWEEP.zip/JOB
@@ -510,6 +596,12 @@ def tables(
 
     Write every table of finished runs and sweeps as .tex, .md and .csv, and print those that a paper needs; index.md
     says which question each answers.
+
+    Examples:
+      tacevo tables runs/NAME
+      tacevo tables cache/published/grating-claude.zip -o tables
+      # for a paper: LaTeX on the screen, two columns, short notes
+      tacevo tables runs/NAME --latex --columns median verdict --notes short
 
     Args:
         runs: the directory or bundle of a run or a sweep, or SWEEP.zip/JOB; optional with --paper
@@ -540,6 +632,10 @@ def figures(
 
     Draw every figure of finished runs and their studies, and of sweeps.
 
+    Examples:
+      tacevo figures runs/NAME
+      tacevo figures cache/published/grating-claude.zip -o figures --format pdf
+
     Args:
         runs: the directory or bundle of a run or a sweep, or SWEEP.zip/JOB
         format: of the files (default: all three)
@@ -565,6 +661,14 @@ def report(
 
     Write one HTML file with which a finished run and its studies, or a finished sweep, can be looked into; or with
     --latex every table and figure of several, in a LaTeX document, and its PDF where LaTeX is installed.
+
+    Examples:
+      tacevo report runs/NAME
+      # while the search is at work: the page reloads itself
+      tacevo report runs/NAME --follow
+      tacevo report cache/published/grating-claude.zip -o claude.html
+      # every table and figure of two runs, in a document
+      tacevo report --latex runs/ONE runs/TWO -o paper
 
     Args:
         runs: the directory or bundle of a run or a sweep, or SWEEP.zip/JOB
@@ -603,6 +707,12 @@ def ablations(
     Compare the arms of a sweep by its finished jobs: print a table of them, and write all as .tex, .md and .csv, with
     figures as .pdf.
 
+    Examples:
+      tacevo search -m experiment=demo ablation=none,drift seed=0,1
+      tacevo study sweep=sweeps/NAME seeds=5 epochs=5
+      tacevo ablations sweeps/NAME
+      tacevo ablations cache/published/ablation-proposals.zip -o mine
+
     Args:
         sweep: the directory or bundle of a sweep
         output: where to write (default: SWEEP/ablations)
@@ -625,14 +735,15 @@ def pairs(
     other_parents: bool = False,
     store: Dir | None = None,
 ) -> int:
-    """Compare the arms of a sweep answer by answer: the same questions, asked in other ways.
+    r"""Compare the arms of a sweep answer by answer: the same questions, asked in other ways.
 
     In the first generation after generation 0 the arms of a seed ask a model for children of the same parents by the
     same instructions, so two answers differ by nothing but what tells the arms apart. Print the tables, and write them
     as .tex, .md and .csv.
 
     Examples:
-      tacevo search -m experiment=pairs llm=anthropic 'prompts.tells=[],[fitness]' seed=0,1,2 --into sweeps/tells
+      tacevo search -m experiment=pairs llm=anthropic \
+          'prompts.tells=[],[fitness]' seed=0,1,2 --into sweeps/tells
       tacevo pairs sweeps/tells
 
     Args:
@@ -662,6 +773,10 @@ def init(
     Write a task of your own into ./conf: the settings, the baseline and the texts of another task under a new name, to
     be edited. Searches that start in this directory know it. Nothing that exists is changed.
 
+    Examples:
+      tacevo init shear --like force
+      tacevo search experiment=demo task=shear
+
     Args:
         name: of the new task: a lower-case identifier, e.g. shear
         like: the task to copy (default: force)
@@ -682,6 +797,10 @@ def data_check(
 
     Load a data set as a search would, count it, and draw a contact sheet. The exit status is 1 if two splits share an
     image.
+
+    Examples:
+      tacevo data check task=force
+      tacevo data check data=csv data.root=IMAGES data.table=labels.csv -o sheet.png
 
     Args:
         overrides: GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line
@@ -705,6 +824,9 @@ def data_show(
 
     Draw a few samples with their labels: one of each class or level, or from the least to the most.
 
+    Examples:
+      tacevo data show task=grating -o gratings.pdf
+
     Args:
         overrides: GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line
         output: the figure: .png, .pdf or .svg
@@ -721,6 +843,9 @@ def data_simulate(*overrides: Annotated[str, Takes("SETTING"), AT_LEAST_ONE], co
     """Write a simulated data set as images and a table of labels.
 
     Write a simulated data set as images and a table of labels; the directory is whole or absent.
+
+    Examples:
+      tacevo data simulate task=force n=3000 out=simulated
 
     Args:
         overrides: out=DIR, n=IMAGES, or an override: GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them
@@ -757,6 +882,10 @@ def check(
     Put raw answers through the gate: text files, or JSON recordings with a `response`. The exit status is 0 also where
     answers are rejected; --json says which. It is 2 where a file cannot be read; the others are judged all the same.
 
+    Examples:
+      tacevo check answer.txt --task grating
+      tacevo check conf/library/shear/baseline.py --task shear --json
+
     Args:
         files: a text file, or JSON with a `response` or `source`
         task: whose contract to apply (default: force)
@@ -781,6 +910,11 @@ def parts(
     imports a part, makes it with its settings, tries whether it keeps the contracts of its kind, and prints a line for
     each; the exit status is 1 where one is broken. It runs the code of the part in this process.
 
+    Examples:
+      tacevo parts
+      tacevo parts archives
+      tacevo parts check parts/mine.py
+
     Args:
         kind: one of the kinds that `tacevo parts` lists; or `check`
         part: with `check`: a name, FILE.py:CLASS, FILE.py for all parts in it, or SETTING=NAME as a search has it
@@ -797,6 +931,10 @@ def track(directory: Dir, *, uri: Annotated[str, Takes("URI")] = "") -> int:
 
     Mirror a run directory into MLflow, or those of a sweep, or all below a directory. A second time writes nothing
     twice. The exit status is 1 if a run of several could not be written.
+
+    Examples:
+      tacevo track runs/NAME
+      tacevo track runs --uri sqlite:///mlflow.db
 
     Args:
         directory: the directory of a run, of a sweep, or one that contains such
@@ -815,6 +953,10 @@ def doctor(*, report: File | None = None) -> int:
     computed and compared with the recorded ones. The exit status is 1 where a check fails, or bits differ or cannot be
     computed.
 
+    Examples:
+      tacevo doctor
+      tacevo doctor --report machine.json
+
     Args:
         report: write what this CPU computes to FILE (JSON), to be sent to the project
     """
@@ -825,8 +967,17 @@ def doctor(*, report: File | None = None) -> int:
 
 plan = Command(doc=_PLAN, below={"study": plan_study, "sweep": plan_sweep})
 
+_CACHE = """\
+Look into the stores of answers, move what a run needs, remove what none does.
+
+Examples:
+  tacevo cache verify
+  tacevo cache export runs/NAME --output entries.xz
+  tacevo cache import entries.xz
+  tacevo cache prune runs sweeps"""
+
 cache = Command(
-    doc="Look into the stores of answers, move what a run needs, remove what none does.",
+    doc=_CACHE,
     below={"verify": cache_verify, "export": cache_export, "import": cache_import, "prune": cache_prune},
 )
 

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -11,6 +12,7 @@ from typing import Any, Literal, NoReturn
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
 from tacevo.parts.registry import is_there
+from tacevo.storage.places import sibling
 from tacevo.text import listed, nearest, printable
 
 #: Exit status: done; a comparison or verification failed; the user's mistake; interrupted by Ctrl-C, or by SIGTERM.
@@ -29,7 +31,8 @@ def existing_store(name: str | None) -> str | None:
         ConfigError: it is not a directory.
     """
     if name is not None and not Path(name).is_dir():
-        raise ConfigError(name, place="--store", expected="the directory of a run's stores")
+        expected = "the directory of a run's stores"
+        raise ConfigError(name, place="--store", expected=expected, remedy=sibling(Path(name)))
     return name
 
 
@@ -109,6 +112,14 @@ def tell(text: object = "", *, error: bool = False, end: str = "\n", flush: bool
     print(printable(str(text)), file=sys.stderr if error else sys.stdout, end=end, flush=flush)
 
 
+def tell_markdown(text: str) -> None:
+    """Print Markdown of ours: on a terminal without its marks, which are for files and pages."""
+    if sys.stdout.isatty():
+        text = re.sub(r"(?m)^\*\*(.*)\*\*$", r"\1", text)
+        text = re.sub(r"\\([\\`*\[\]{}|~$^@#_<&!:.+\-=>)])", r"\1", text)
+    tell(text, end="" if text.endswith("\n") else "\n")
+
+
 def agreed(question: str, yes: bool) -> bool:
     """Ask before something goes for good; without a terminal, where nobody answers, the answer is no."""
     if yes:
@@ -157,8 +168,14 @@ class Parser(argparse.ArgumentParser):
         return super().format_help()
 
     @property
-    def _ask_help(self) -> str:
+    def ask_help(self) -> str:
+        """Where the user finds what the command takes."""
         return f"`{self.prog} --help` says what can be given"
+
+    @property
+    def option_names(self) -> list[str]:
+        """The long names of its options, and of those above it none."""
+        return [name for name in self._option_string_actions if name.startswith("--")]
 
     def error(self, message: str) -> NoReturn:
         """Refuse a command line.
@@ -171,7 +188,7 @@ class Parser(argparse.ArgumentParser):
         if isinstance(problem, OSError):  # argparse could not open the file of an @FILE
             got, expected = f"one that cannot be read ({problem.strerror})", "a text file with one override a line"
             raise ConfigError(got, place=f"@{problem.filename}", expected=expected)
-        raise ConfigError(message, place=self.prog, remedy=self._ask_help)
+        raise ConfigError(message, place=self.prog, remedy=self.ask_help)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Refuse a command or a choice that is unknown, and offer the nearest (argparse calls this)."""
@@ -182,7 +199,7 @@ class Parser(argparse.ArgumentParser):
             str(value),
             place=" ".join([self.prog, *action.option_strings[:1]]),
             expected=f"one of {listed(known)}",
-            remedy=nearest(str(value), known, self._ask_help),
+            remedy=nearest(str(value), known, self.ask_help),
         )
 
     def convert_arg_line_to_args(self, arg_line: str) -> list[str]:

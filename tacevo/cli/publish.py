@@ -1,5 +1,6 @@
 """The command `tacevo publish`."""
 
+import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -10,6 +11,16 @@ from tacevo.bundles.readme import Terms
 from tacevo.cli.common import DONE, tell
 from tacevo.runs.progress import Progress
 from tacevo.text import counted, listed
+
+
+def _asked() -> tuple[str, ...]:
+    """Ask who publishes, before the work: with another author it is another bundle. Without a terminal say it."""
+    if sys.stdin.isatty() and sys.stderr.isatty():
+        tell("author, as it shall be cited (nothing: anonymous): ", error=True, end="", flush=True)
+        name = sys.stdin.readline().strip()
+        return (name,) if name else ()
+    tell("author: anonymous; --author NAME says who, and it is another bundle then", error=True)
+    return ()
 
 
 def run_publish(
@@ -23,7 +34,7 @@ def run_publish(
     date: str,
 ) -> int:
     """Publish a run or a sweep as a file."""
-    terms = Terms(licence=licence, authors=tuple(authors), published=date)
+    terms = Terms(licence=licence, authors=tuple(authors) or _asked(), published=date)
     with Progress() as view:
         done = publish(
             Path(run),

@@ -98,6 +98,7 @@ def _told(origin: Opened, done: Verified) -> list[str]:
     spent = in_words(total(run.replayed.spent for run in runs))
     summary = "costs and summary" if all(run.pages == PAGES for run in runs) else "and costs"
     told = [
+        _recomputed(runs),
         f"{lines} ledger lines, both archives, every candidate's source, {summary} are as recorded",
         f"recorded: {spent}; this replay made no call and cost nothing",
     ]
@@ -118,6 +119,19 @@ def _told(origin: Opened, done: Verified) -> list[str]:
     if done.entries is not None:
         told += [f"all {done.entries} store entries were needed", f"bundle digest: {origin.digest}"]
     return told
+
+
+def _recomputed(runs: Sequence[Rerun]) -> str:
+    """Say what was taken from the record, and what was computed here."""
+    answers = sum(run.replayed.spent.answers for run in runs)
+    models = dict.fromkeys(line.model or run.run.model for run in runs for line in run.run.candidates)
+    trainings = sum(line.train_losses is not None for run in runs for line in run.run.candidates)
+    trainings += sum(len(study.rows) for run in runs for study in run.studies.values())
+    taken = [f"{counted(answers, 'answer')} of {listed(models, most=3)}"] if answers else []
+    taken += [counted(trainings, "training")]
+    return (
+        f"{' and '.join(taken)}, as recorded; every decision and score that follows from them was computed here again"
+    )
 
 
 def _decided(run: Rerun) -> list[str]:

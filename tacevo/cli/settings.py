@@ -1,9 +1,10 @@
 """The settings of commands, as their help lists them."""
 
+import textwrap
+from collections.abc import Iterable
 from dataclasses import asdict
 
-#: Where the words stand beside the settings of a search, in characters.
-_WORDS = 42
+from tacevo.cli.signature import WIDTH
 
 #: What may be set of a study, and what it means; conf/study.yaml has the defaults.
 STUDY = {
@@ -52,9 +53,21 @@ def of_noise() -> str:
 
 
 def _listed(settings: dict[str, str]) -> str:
-    width = max(map(len, settings))
-    lines = (f"  {name.ljust(width)}  {meaning}" for name, meaning in settings.items())
-    return "\n".join(["settings, with their defaults:", *lines])
+    return "\n".join(["settings, with their defaults:", *_beside(settings.items())])
+
+
+def _beside(pairs: Iterable[tuple[str, str]]) -> Iterable[str]:
+    """Write names with their meanings beside them, or below where a name is long, in the width of a help."""
+    meanings = dict(pairs)
+    place = 4 + min(max(map(len, meanings)), 28)
+    for name, meaning in meanings.items():
+        lines = textwrap.wrap(meaning, WIDTH - place, break_on_hyphens=False) or [""]
+        first = f"  {name}"
+        if len(first) + 2 <= place:
+            yield f"{first.ljust(place)}{lines.pop(0)}".rstrip()
+        else:
+            yield first
+        yield from (f"{' ' * place}{line}" for line in lines)
 
 
 def of_search() -> str:
@@ -65,7 +78,6 @@ def of_search() -> str:
     from tacevo.storage.canonical import canonical, leaves
 
     choices, words = groups(), comments()
-    width = max(map(len, choices))
     defaults = [
         (key, value if isinstance(value, str) else canonical(value))
         for key, value in leaves(asdict(compose([])))
@@ -74,12 +86,9 @@ def of_search() -> str:
     return "\n".join(
         [
             "config groups and their choices:",
-            *(f"  {name.ljust(width)}  {', '.join(names)}" for name, names in choices.items()),
+            *_beside((name, ", ".join(names)) for name, names in choices.items()),
             "",
             "settings, with their defaults (choices may change them):",
-            *(
-                f"  {f'{key}={value}'.ljust(_WORDS)}  {words[key].partition('. ')[0].rstrip('.')}"
-                for key, value in defaults
-            ),
+            *_beside((f"{key}={value}", words[key].partition(". ")[0].rstrip(".")) for key, value in defaults),
         ]
     )

@@ -9,7 +9,7 @@ from textwrap import fill
 from analysis.report.collection import outcomes, read_studies
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
-from tacevo.cli.common import DONE, tell
+from tacevo.cli.common import DONE, tell, tell_markdown
 from tacevo.config.recorded_parts import own_axes
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
@@ -46,7 +46,10 @@ def run_show(run: str, candidate: str | None, *, only_source: bool) -> int:
         text = source_of(path, candidate) if only_source else show_candidate(path, candidate)
     else:
         text = show_run(path, store)
-    tell(text, end="")
+    if candidate is None:
+        tell_markdown(text)
+    else:  # a source stays as it is
+        tell(text, end="")
     return DONE
 
 

@@ -19,9 +19,15 @@ _SHORT = {"output": "-o", "multirun": "-m", "cfg": "-c", "yes": "-y"}
 #: Options whose name Python or the field writes otherwise.
 _LONG = {"licence": "--license"}
 
+#: Characters of an option's choices from which on they stand in its help, and not in the usage.
+_MOST = 40
+
 #: Marks that an annotation adds: an argument that must be given at least once; an option that may be given several
-#: times; an option that is gone, and only says what took its place.
-AT_LEAST_ONE, REPEATED, GONE = object(), object(), object()
+#: times; an option that no help shows, since it is gone and says what took its place, or is there for users of Hydra.
+AT_LEAST_ONE, REPEATED, HIDDEN = object(), object(), object()
+
+#: The width of every help, in characters, on any terminal.
+WIDTH = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +76,7 @@ class Command:
         """Let a parser read the command's arguments, write its help, and call it (`options.command`)."""
         text, _, arguments = self.doc.partition("\n\nArgs:\n")
         first, _, rest = text.partition("\n\n")
-        parser.formatter_class = _Paragraphs
+        parser.formatter_class = Paragraphs
         parser.description = rest if rest and not rest.startswith("Examples:") else f"{first}\n\n{rest}"
         parser.write_more = self.more
         if self.reads_files:
@@ -112,13 +118,15 @@ def _add(parser: Parser, parameter: inspect.Parameter, meaning: str) -> None:
     """Let a parser read one parameter."""
     is_required = parameter.default is parameter.empty
     settings: dict[str, Any] = {"help": meaning}
+    kind, takes, marks = _unpacked(parameter.annotation)
+    if HIDDEN in marks:
+        settings["help"] = argparse.SUPPRESS
     if parameter.default is False:
         settings["action"] = "store_true"
     else:
-        kind, takes, marks = _unpacked(parameter.annotation)
-        if GONE in marks:
-            settings["help"] = argparse.SUPPRESS
         settings |= {"metavar": takes.name, "type": takes.read} if takes else {"choices": _choices(kind)}
+        if len(", ".join(settings.get("choices", ()))) > _MOST:
+            settings |= {"metavar": parameter.name.upper(), "help": f"{meaning}: {', '.join(settings['choices'])}"}
         if parameter.kind is parameter.VAR_POSITIONAL:
             settings["nargs"] = "+" if AT_LEAST_ONE in marks else "*"
         elif parameter.kind is not parameter.KEYWORD_ONLY:
@@ -170,8 +178,11 @@ def _call(function: Callable[..., int], options: argparse.Namespace) -> int:
         parser.error(str(error))
 
 
-class _Paragraphs(argparse.HelpFormatter):
-    """Fills paragraphs to the width of the terminal; one with an indented line, such as examples, stays as it is."""
+class Paragraphs(argparse.HelpFormatter):
+    """Fills paragraphs to one width (`WIDTH`); one with an indented line, such as examples, stays as it is."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=WIDTH)
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         paragraphs = [

@@ -21,7 +21,7 @@ from analysis.tables.rendering import WRITERS, Notes, Shown, as_latex, as_markdo
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
-from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, tell
+from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, tell, tell_markdown
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.runs.progress import Progress
 from tacevo.text import in_markdown, nearest, printable, unbroken
@@ -99,7 +99,10 @@ def _check_columns(show: Shown, tables: Sequence[Table]) -> None:
 def _print(tables: Iterable[Table], show: Shown, latex: bool, prefix: str = "") -> None:
     """Print the tables that a paper needs."""
     shown_ones = map(show.of, for_paper(tables))
-    tell("\n".join(as_latex(table, prefix=prefix) if latex else as_markdown(table) for table in shown_ones))
+    if latex:
+        tell("\n".join(as_latex(table, prefix=prefix) for table in shown_ones))
+    else:
+        tell_markdown("\n".join(map(as_markdown, shown_ones)) + "\n")
 
 
 def open_all(names: Sequence[str], store: str | None) -> list[Run | Sweep]:

@@ -10,6 +10,7 @@ from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.storage.canonical import leaves
+from tacevo.text import nearest
 
 #: The group of the arms, and the one that changes nothing.
 GROUP = "ablation"
@@ -34,8 +35,8 @@ def read_arm(choice: str) -> dict[str, Json]:
     """
     known = groups()[GROUP]
     if choice not in known:
-        expected = f"one of {', '.join(known)}"
-        raise removed(f"{GROUP}={choice}") or ConfigError(repr(choice), place=GROUP, expected=expected)
+        expected, remedy = f"one of {', '.join(known)}", nearest(choice, known, "")
+        raise removed(f"{GROUP}={choice}") or ConfigError(repr(choice), place=GROUP, expected=expected, remedy=remedy)
     return parse_arm(choice, config_file(f"{GROUP}/{choice}.yaml", GROUP).read_text(encoding="utf-8"))
 
 

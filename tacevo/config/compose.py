@@ -31,7 +31,7 @@ from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, default_of, to_json
 from tacevo.sandbox.part_process import PartProcess
-from tacevo.text import as_override, listed
+from tacevo.text import as_override, listed, nearest
 
 T = TypeVar("T")
 
@@ -348,9 +348,29 @@ def _check_settings(overrides: Sequence[str]) -> None:
         if override.startswith("parts="):
             expected = "parts.NAME.SETTING=VALUE, a setting of a part"
             raise ConfigError(override, place="parts", expected=expected)
-        if override.startswith(("+", "~", "hydra.", "hydra/", "code=", "code.")) or "=" not in override:
+        expected = "KEY=VALUE or GROUP=CHOICE"
+        if override.startswith(("+", "~", "hydra.", "hydra/", "code=", "code.")):
             remedy = "settings cannot be added or removed, and Hydra's own have no effect"
-            raise ConfigError(repr(override), expected="KEY=VALUE or GROUP=CHOICE", remedy=remedy)
+            raise ConfigError(repr(override), expected=expected, remedy=remedy)
+        if "=" not in override.strip("="):
+            raise ConfigError(repr(override), expected=expected, remedy=_spaced(override, overrides))
+
+
+def _spaced(word: str, words: Sequence[str]) -> str:
+    """Say what to do with a word that is no setting by itself: most were torn off one by a space."""
+    place = list(words).index(word)
+    before, after = words[place - 1] if place else "", [*words[place + 1 :], ""][0]
+    if before.endswith((",", "[", "{", "(")) or word.startswith((",", "]", "}", ")")):
+        return f"no space after the comma or within brackets: {shlex.quote(f'{before}{word}')}"
+    if word.endswith("=") or after.startswith("=") or word == "=":
+        return "no space beside the equals sign"
+    known = {*groups(), *keys()}
+    key, _, value = word.partition(":")
+    if key in known:
+        return f"write {key}={value or after or 'VALUE'}"
+    if chosen := [group for group, choices in groups().items() if word in choices]:
+        return f"did you mean {chosen[0] if 'experiment' not in chosen else 'experiment'}={word}?"
+    return nearest(key, known, "a setting is written with an equals sign, as in seed=3", before="a value of ")
 
 
 def _values(override: Override) -> tuple[str, ...]:
@@ -413,7 +433,10 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
     if missing:
         group, choice = missing.groups()
         known = ", ".join(said[2:])
-        return removed(f"{group}={choice}") or ConfigError(choice, place=group, expected=f"one of {known}")
+        remedy = nearest(choice, known.split(", "), "")
+        return removed(f"{group}={choice}") or ConfigError(
+            choice, place=group, expected=f"one of {known}", remedy=remedy
+        )
     return ConfigError(" ".join(said), place=getattr(error, "full_key", None) or "")
 
 

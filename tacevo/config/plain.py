@@ -1,5 +1,6 @@
 """A configuration read from plain JSON values, as run.json keeps it; it composes nothing, so it needs no Hydra."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
@@ -10,6 +11,9 @@ from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.text import listed, nearest
 from tacevo.typed import convert
+
+#: What some write for the numbers from one to another, such as `0-3` and `0..3`.
+_RANGE = re.compile(r"^\W*(\d{1,9})\s*(?:-|:|\.{2,3}|to)\s*(\d{1,9})\W*$")
 
 T = TypeVar("T")
 
@@ -38,6 +42,9 @@ def converted(kind: type[T], plain: Json) -> T:
     except ConfigError as error:
         if error.expected == "text":
             error.remedy = "put it in quotes, as in 'run.dir=\"5\"' or 'data.target_columns=[\"5\"]'"
+        elif kind is RunConfig and error.expected.startswith("an integer") and (ends := _RANGE.search(error.got)):
+            first, last = map(int, ends.groups())
+            error.remedy = f"a range is '{error.place}=range({first},{last + 1})', which a sweep takes (-m)"
         elif error.expected == "an object":  # a value for what only holds settings
             known = keys(kind)
             within = [key for key in known if key.startswith(f"{error.place}.")]

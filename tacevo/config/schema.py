@@ -436,10 +436,10 @@ class NumericsConfig(Record):
 class TrackingConfig(Record):
     """The mirror of the ledger."""
 
-    kind: Text  #: mlflow or none
+    kind: Text = "mlflow"  #: mlflow or none
     #: Empty for the one in MLFLOW_TRACKING_URI.
-    uri: str
-    experiment: str  #: its name in MLflow
+    uri: str = "sqlite:///mlflow.db"
+    experiment: str = "tacevo"  #: its name in MLflow
 
     def __post_init__(self) -> None:
         """Reject a password, which the run directory would record."""

@@ -14,6 +14,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.environment import machine, versions
 from tacevo.errors import CacheMissError, DivergenceError, RunError
 from tacevo.evolution.lines import CandidateLine, of_training
+from tacevo.export.epochs import EpochCount
 from tacevo.parts.kinds import FITNESS
 from tacevo.parts.registry import of_settings
 from tacevo.randomness import derived_seed
@@ -237,7 +238,14 @@ def train(
         long = _lasts(run, plan, twice=plan.like is Like.study and not are_known)
         what = f"training {counted(len(plan.seeds), 'network')} for {counted(config.training.epochs, 'epoch')}"
         view.say(what if long is None else f"{what}; all of it takes {lasting(long)}, by the times of the run")
-        for one in bench.executor.map(lambda seed: _train(bench, (known, fresh), plan, source, seed), plan.seeds):
+        epochs, took = config.training.epochs, run.cpu_seconds.get(plan.line.id)
+        before = [seed for seed in plan.seeds if plan.like is Like.study and not known.is_recorded(source, seed)]
+        pace = None if took is None else took / run.config.training.epochs
+        count = EpochCount(view, epochs * (len(plan.seeds) + len(before)), pace)
+        bench.on_epoch = count.told
+        for one in bench.executor.map(
+            lambda seed: _train(bench, (known, fresh), plan, source, seed, count), plan.seeds
+        ):
             view.say(
                 f"trained ({len(trained) + 1} of {len(plan.seeds)}); the weights are those after epoch {one.epoch}"
             )
@@ -258,7 +266,13 @@ def _lasts(run: RecordedRun, plan: TrainingPlan, *, twice: bool) -> float | None
 
 
 def _train(
-    bench: Workbench, evaluators: tuple[_Evaluator, _Evaluator], plan: TrainingPlan, source: str, seed: int
+    bench: Workbench,
+    evaluators: tuple[_Evaluator, _Evaluator],
+    plan: TrainingPlan,
+    source: str,
+    seed: int,
+    *,
+    count: EpochCount,
 ) -> Trained:
     """Train a network with one seed; of the evaluators, one reads what is recorded, the other trains and stores."""
     known, fresh = evaluators
@@ -266,12 +280,14 @@ def _train(
     if is_stored:
         told = known.evaluate(source, seed)
     elif plan.like is Like.study:
-        told = (fresh.evaluate if plan.rules == STUDY else fresh.retrain)(source, seed)
+        with count.telling(plan.config.training.epochs):
+            told = (fresh.evaluate if plan.rules == STUDY else fresh.retrain)(source, seed)
     epoch = told.epoch if isinstance(told, FullTraining) else plan.config.training.epochs
     if isinstance(told, Rejection):
         raise _failed(told)
     training = plan.rules if plan.like is Like.search else TRAININGS_OF_STUDIES[plan.rules]
-    weighed = bench.weigh(source, seed, epoch, training)
+    with count.paced(plan.config.training.epochs):
+        weighed = bench.weigh(source, seed, epoch, training)
     if isinstance(weighed, Rejection):
         raise _failed(weighed)
     key = known.key(source, seed)

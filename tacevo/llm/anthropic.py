@@ -119,7 +119,7 @@ def _check_key(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> None:
     The SDK's other logins are not used: their tokens change while it asks, so they could not be blacked out.
     """
     if not secrets_of(client):
-        remedy = "set it, or replay with llm.mode=replay"
+        remedy = "set it, replay with llm.mode=replay, or see the cost without one: --estimate"
         raise ConfigError("nothing", place="ANTHROPIC_API_KEY", expected="an API key", remedy=remedy)
     for key, variable in ((client.api_key, "ANTHROPIC_API_KEY"), (client.auth_token, "ANTHROPIC_AUTH_TOKEN")):
         check_key(key or "", variable)

@@ -108,7 +108,10 @@ def connect(base_url: str | None, concurrency: int, dialect: Dialect | None = No
     key = os.environ.get("OPENAI_API_KEY") or (None if own else _NO_KEY)
     if key is None:
         expected = "an API key for OpenAI's own server"
-        remedy = "set it, name a server of yours by llm.base_url, or replay with llm.mode=replay"
+        remedy = (
+            "set it, name a server of yours by llm.base_url, replay with llm.mode=replay, or see the cost without one: "
+            "--estimate"
+        )
         raise ConfigError("nothing", place="OPENAI_API_KEY", expected=expected, remedy=remedy)
     check_key(key, "OPENAI_API_KEY")
     try:

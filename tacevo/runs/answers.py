@@ -15,6 +15,7 @@ from tacevo.profile import Admitted
 from tacevo.records import Completion, Json, Mode, Rejection, Task, to_json
 from tacevo.rules import CURRENT
 from tacevo.runs.wiring import Workbench
+from tacevo.storage.places import sibling
 from tacevo.text import listed
 from tacevo.typed import parse
 
@@ -66,7 +67,10 @@ def _read(path: Path) -> Completion:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         got = f"one that cannot be read ({error.strerror})" if isinstance(error, OSError) else str(error)
-        raise ConfigError(got, place=str(path), expected="the file of an answer: text in UTF-8") from error
+        remedy = "" if path.exists() else sibling(path)
+        raise ConfigError(
+            got, place=str(path), expected="the file of an answer: text in UTF-8", remedy=remedy
+        ) from error
     stop_reason = "end_turn"
     if path.suffix == ".json":
         text, stop_reason = _recorded(path, text)

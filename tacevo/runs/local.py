@@ -13,8 +13,12 @@ from tacevo.environment import usable_cores
 from tacevo.parts.executor import Notice, Order
 from tacevo.sandbox.client import RunJob, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
+from tacevo.text import counted
 from tacevo.training import evaluation
 from tacevo.training.numerics import check_machine
+
+#: How many workers a core has before that is warned of.
+_MOST_WORKERS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,3 +83,14 @@ def trainings_at_once(config: RunConfig) -> int:
     from tacevo.training.leases import visible_gpus
 
     return max(1, min(workers, (workers if per_gpu is None else per_gpu) * len(visible_gpus())))
+
+
+def crowded(config: RunConfig) -> list[str]:
+    """Warn of many more workers than cores, a sentence; they divide the cores, and each takes memory."""
+    workers, cores = config.executor.workers, usable_cores()
+    if not config.executor.is_here or config.training.device is not Device.cpu or workers <= _MOST_WORKERS * cores:
+        return []
+    return [
+        f"executor.workers={workers} on {counted(cores, 'core')}: no more than {cores} train at once; more workers "
+        f"make nothing faster than executor.workers={cores}, but for waiting on a model's answers"
+    ]

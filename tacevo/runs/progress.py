@@ -24,8 +24,9 @@ from tacevo.text import lasting, unbroken
 #: Seconds from which on a search says how long it takes.
 LONG = 600.0
 
-#: Seconds without a line after which a log gets one.
-SILENCE = 15.0
+#: Seconds without a line after which a log gets one: so many at first, then a part of the time that the work took, but
+#: not more than the last; so a log of a day has a line a minute.
+SILENCE, _PART, _LONGEST = 5.0, 1 / 40, 60.0
 
 
 def told_saving(part: float, seconds: float) -> list[str]:
@@ -42,7 +43,8 @@ class Progress:
     """Lines and bars on standard error, or on another console.
 
     On a terminal a clock runs while no bar does. Logs and pipes get the lines, and one that says how far the work is
-    whenever nothing was said for `silence` seconds. So a command that works is never still.
+    whenever nothing was said for `silence` seconds, or some more where the work is long. So a command that works is
+    never still.
     """
 
     def __init__(self, console: Console | None = None, silence: float = SILENCE) -> None:
@@ -61,7 +63,7 @@ class Progress:
         self._clock = self._bars.add_task("at work", total=None, note="", before=0)
         self._ended = threading.Event()
         self._silence = silence
-        self._last = time.monotonic()
+        self._began = self._last = time.monotonic()
 
     def __enter__(self) -> Self:
         self._bars.start()
@@ -91,9 +93,14 @@ class Progress:
 
     def _remind(self) -> None:
         """Write how far the work is after each silence, until it ends."""
-        while not self._ended.wait(max(0.0, self._last + self._silence - time.monotonic())):
-            if time.monotonic() >= self._last + self._silence:
+        while not self._ended.wait(max(0.0, self._due - time.monotonic())):
+            if time.monotonic() >= self._due:
                 self.say(self._standing())
+
+    @property
+    def _due(self) -> float:
+        """The time when the next line is due."""
+        return self._last + max(self._silence, min(_LONGEST, _PART * (self._last - self._began)))
 
     def _standing(self) -> str:
         """Say how far the unfinished work is, and how long the rest takes; of what is not counted, how long it took."""
@@ -178,13 +185,13 @@ class Watcher:
         self._at_once = at_once
         self._saving = saving
         self._clock = clock
-        #: The time when the first training began that was not recalled, and the number of slots done before it.
+        #: The time when the first training began that was not recalled, and the number of candidates done before it.
         self._began: tuple[float, int] | None = None
         self._baseline: float | None = None
         self._done = 0
         self._total = 1 + plan.initial + plan.generations * plan.settings.candidates
         self._most = f"at most {self._total}" if plan.budget else str(self._total)
-        view.advance("slots", 0, self._total)
+        view.advance("candidates", 0, self._total)
 
     def developed(self, outcome: Outcome) -> None:
         """Say at the first training how long the search takes, if that is long; all else is shown once committed."""
@@ -220,11 +227,11 @@ class Watcher:
         reached = f"best {significant(state.best)}{f' ({others})' if others else ''}{chance}, coverage {covered:.0%}"
         if not isinstance(line, GenerationLine):
             self._done += 1
-            self._view.advance("slots", self._done, self._total, reached)
+            self._view.advance("candidates", self._done, self._total, reached)
         else:
             repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
             skipped = "" if line.skipped is None else f", {line.skipped} skipped"
             trained = f": {line.trained} of {line.candidates} candidates {self._did}{repaired}{skipped}"
             did = " replayed:" if self._is_replay else f"{trained},"
-            done = f"{self._done} of {self._most} slots done{self._left()}"
+            done = f"{self._done} of {self._most} candidates done{self._left()}"
             self._view.say(f"generation {line.generation}{did} {reached} ({done})")

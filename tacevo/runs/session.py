@@ -12,7 +12,7 @@ from typing import Any
 from tacevo.config.chosen import part_of
 from tacevo.config.identity import length
 from tacevo.config.network_files import read_networks
-from tacevo.config.schema import RunConfig
+from tacevo.config.schema import RunConfig, TrackingConfig
 from tacevo.config.task_texts import load_task
 from tacevo.costs import Spending, spending_on, total
 from tacevo.data.dataset import Dataset
@@ -36,7 +36,7 @@ from tacevo.runs.data_warnings import warnings_of
 from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.given_networks import admitted_networks
-from tacevo.runs.local import trainings_at_once
+from tacevo.runs.local import crowded, trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
@@ -47,6 +47,7 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.store import remove_leftovers_in_stores
+from tacevo.text import counted
 
 #: Seconds that a finished search or study waits for the mirror; what is left, the mirror finishes on its own.
 MIRROR_SECONDS = 30.0
@@ -85,7 +86,7 @@ def search(config: RunConfig, view: Progress) -> Result:
         if config.search.networks:
             files = read_networks(config.search.networks, "search.networks")
             task = replace(task, given=admitted_networks(config, task, data, files, "search.networks"))
-        for warning in warnings_of(config, task, data):
+        for warning in [*crowded(config), *warnings_of(config, task, data)]:
             view.say(f"warning: {warning}")
         return record(config, task, data, view, started=started, llm=llm)
 
@@ -166,8 +167,8 @@ def _record(
         for name, sources in parts.sources.items():
             directory.keep_part(name, sources)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
-        least = "the least that the same answer to every validation image can have"
-        view.say(f"trivial loss: {significant(trivial)}, {least}")
+        view.say(f"candidates: {_planned(plan, task)}")
+        view.say(f"trivial loss: {significant(trivial)}, that of the best constant answer")
         if warning := name_warning(config.llm):
             view.say(f"warning: {warning}")
         with mirrored(config, directory, view):
@@ -298,6 +299,16 @@ def _has_candidates(ledger: Ledger) -> bool:
     return max(ledger.committed, ledger.recorded) > 1
 
 
+def _planned(plan: Plan, task: Task) -> str:
+    """Say what a search trains, in order."""
+    most = ", at most" if plan.budget else ""
+    others = (
+        f"{counted(plan.initial, 'network')} of yours" if task.given else f"{counted(plan.initial, 'mutation')} of it"
+    )
+    first = f"first the baseline, then {others}"
+    return f"{first}, then {counted(plan.generations, 'generation')} of {plan.settings.candidates}{most}"
+
+
 def _stage(ledger: Ledger) -> str:
     return "new" if ledger.recorded == 0 else f"resumed after {ledger.recorded} ledger lines"
 
@@ -334,7 +345,7 @@ def mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iter
         yield
         finished = True
     finally:
-        _wait_for([mirror] if mirror else [], view, finished=finished)
+        _wait_for([(mirror, config)] if mirror else [], view, finished=finished)
 
 
 def _tracker_of(config: RunConfig, view: Progress) -> Tracker:
@@ -360,22 +371,28 @@ def mirrored_together(view: Progress) -> Iterator[list[tuple[RunConfig, RunDirec
         yield runs
         finished = True
     finally:
-        places: dict[Tracker, list[Path]] = {}
+        places: dict[Tracker, list[tuple[RunConfig, RunDirectory]]] = {}
         for config, directory in runs:
-            places.setdefault(_tracker_of(config, view), []).append(directory.path)
-        mirrors = [mirror for tracker, paths in places.items() if (mirror := tracker.mirror(paths))]
+            places.setdefault(_tracker_of(config, view), []).append((config, directory))
+        mirrors = [
+            (mirror, together[0][0])
+            for tracker, together in places.items()
+            if (mirror := tracker.mirror([directory.path for _, directory in together]))
+        ]
         _wait_for(mirrors, view, finished=finished)
 
 
-def _wait_for(mirrors: Sequence[Mirror], view: Progress, *, finished: bool) -> None:
-    """End mirrors, and wait for them where the work that they mirror is finished."""
-    if not mirrors:
-        return
-    if finished:
+def _wait_for(mirrors: Sequence[tuple[Mirror, RunConfig]], view: Progress, *, finished: bool) -> None:
+    """End mirrors, each of runs of one configuration; wait for those that were asked for, where all work is finished.
+
+    Nobody asked for the one that a run has by default: it goes on by itself.
+    """
+    asked = [config.tracking != TrackingConfig() for _, config in mirrors]
+    if finished and any(asked):
         view.say(f"mirror: waiting for its last lines, {MIRROR_SECONDS:.0f} s at most")
     deadline = time.monotonic() + (MIRROR_SECONDS if finished else 0.0)
-    for mirror in mirrors:
-        warning = mirror.finish(max(0.0, deadline - time.monotonic()))
+    for (mirror, _), is_asked in zip(mirrors, asked, strict=True):
+        warning = mirror.finish(max(0.0, deadline - time.monotonic()) if is_asked else 0.0)
         if warning is not None:
             view.say(warning)
 

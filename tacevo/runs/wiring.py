@@ -213,6 +213,8 @@ class Workbench:
     notice: Notice | None = None
     #: Called with a line for the user.
     say: Callable[[str], None] | None = None
+    #: Called after each epoch that is scored on this machine, in the thread that waits for the training.
+    on_epoch: Callable[[], None] | None = None
     #: The function that runs jobs: the executor's, unless another one is given.
     run: RunJob | None = None
     #: The value of `started_ahead`.
@@ -331,11 +333,23 @@ class Workbench:
         def noting(
             entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None
         ) -> Finished | Died:
-            outcome = run(entry, header, payload, limits, score)
+            outcome = run(entry, header, payload, limits, self._told(score))
             self._waited.seconds = self.cpu_seconds() + outcome.cpu_seconds
             return outcome
 
         return noting
+
+    def _told(self, score: Score | None) -> Score | None:
+        """Return a score that also tells of each epoch; on a cluster, where it is computed elsewhere, it tells none."""
+        told = self.on_epoch
+        if score is None or told is None or not self.config.executor.is_here:
+            return score
+
+        def telling_score(number: int, payload: bytes) -> float:
+            told()
+            return score(number, payload)
+
+        return telling_score
 
     def _runner(self) -> RunJob:
         if self.run is None:

@@ -6,6 +6,7 @@ is computed again is compared with its ledger line by line. Time stamps, duratio
 
 import json
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import FileIO
@@ -26,6 +27,9 @@ KindOf = Callable[[Mapping[str, Json]], type[L_co] | None]
 
 #: The hash before the first line.
 GENESIS = "0" * 64
+
+#: What a line of a candidate, or of a training of it, says of which it is.
+_CANDIDATE = re.compile(rb'"id":"(g[0-9]{1,9}s[0-9]{1,9})"')
 
 _RESTORE = "restore the file, or start in a new run.dir"
 
@@ -147,7 +151,7 @@ def read_lines(
     lines: list[L_co] = []
     hashes = [GENESIS]
     for text in _whole(path).splitlines():
-        place = f"{path}, {name_line(lines)}"
+        place = f"{path}, {name_line(lines)}{_of_candidate(text)}"
         line, previous, own = read_line(text, kind_of, place)
         if previous != hashes[-1] or own != seal(written(line), previous)[1]:
             raise RunError(
@@ -159,6 +163,26 @@ def read_lines(
         lines.append(line)
         hashes.append(own)
     return Sealed(tuple(lines), tuple(hashes[1:]))
+
+
+def broken_line(data: bytes) -> str:
+    """Name the first line of a ledger that does not match its own hash, with its candidate; empty where all match."""
+    for number, text in enumerate(data.splitlines(), start=1):
+        try:
+            entry = json.loads(text)
+            own, previous = entry.pop("hash"), entry.pop("previous")
+            is_whole = own == seal(entry, previous)[1]
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            is_whole = False
+        if not is_whole:
+            return f"line {number}{_of_candidate(text)}"
+    return ""
+
+
+def _of_candidate(text: bytes) -> str:
+    """Write the candidate that a line is of, as it says before it is read; empty where it names none."""
+    found = _CANDIDATE.search(text)
+    return "" if found is None else f" ({found[1].decode()})"
 
 
 def read_line(text: bytes, kind_of: KindOf[L_co], place: str) -> tuple[L_co, str, str]:
@@ -212,6 +236,8 @@ def place_of(line: object) -> str:
     match written(line):
         case {"network": network, "seed": seed}:
             return f"{network}, seed {seed}"
+        case {"generation": generation, "slot": slot, "id": name}:
+            return f"{name} (generation {generation}, slot {slot})"
         case {"generation": generation, "slot": slot}:
             return f"generation {generation}, slot {slot}"
         case {"generation": generation}:

@@ -1,17 +1,18 @@
 """`tacevo cache verify | import | prune`: what stores hold, whether it is sound, and what comes in from elsewhere."""
 
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tacevo.costs import Spending, spending_on, token_cells, total, usd
+from tacevo.costs import in_words, spending_on
 from tacevo.errors import StoreError
 from tacevo.records import Completion, Request, Setting
 from tacevo.storage.array_store import KIND, check_array
 from tacevo.storage.canonical import content_hash, differences, shown
+from tacevo.storage.places import sibling
 from tacevo.storage.store import KINDS, Entry, check_entry, write_entry
-from tacevo.text import table
+from tacevo.text import counted, listed
 from tacevo.typed import convert
 
 
@@ -37,15 +38,17 @@ def scan(root: Path, kinds: Sequence[str] = KINDS) -> Iterator[Stored]:
                 yield _inspect(root, kind, path)
 
 
-def list_entries(root: Path, paths: Iterable[Path]) -> str:
-    """Count some entries of the stores by kind and model, with sizes, tokens and costs."""
-    groups: dict[tuple[str, str], list[tuple[int, Spending]]] = defaultdict(list)
-    for file in (_inspect(root, path.relative_to(root).parts[0], path) for path in paths):
-        spent = spending_on([] if file.completion is None else [file.completion])
-        groups[file.kind, "(damaged)" if file.problem else file.model].append((file.bytes, spent))
-    header = ["kind", "model", "entries", "size", "input tokens", "output tokens", "cost"]
-    rows = [_row(*key, group) for key, group in sorted(groups.items())]
-    return table(header, rows)
+def describe_entries(root: Path, paths: Iterable[Path]) -> str:
+    """Count some entries of the stores in a line, by kind, with their size and what answers among them were paid."""
+    files = [_inspect(root, path.relative_to(root).parts[0], path) for path in paths]
+    kinds = Counter(file.kind for file in files)
+    size = sum(file.bytes for file in files)
+    counts = [f"{kind} {count}" for kind, count in sorted(kinds.items())]
+    damaged = sum(file.problem is not None for file in files)
+    counts += [f"{damaged} of them damaged"] if damaged else []
+    spent = spending_on([file.completion for file in files if file.completion is not None])
+    answers = f"; of models {in_words(spent)}, to be paid again" if spent.answers else ""
+    return f"{counted(len(files), 'file')} of {size / 1e6:.1f} MB ({listed(counts)}{answers})"
 
 
 def verify(root: Path) -> tuple[list[str], int]:
@@ -64,7 +67,7 @@ def verify(root: Path) -> tuple[list[str], int]:
 
 def _check_folder(root: Path) -> None:
     if not root.is_dir():
-        expected, remedy = "the directory of stores", "name it by --store"
+        expected, remedy = "the directory of stores", sibling(root, "name it by --store")
         raise StoreError("a path that is not one", place=str(root), expected=expected, remedy=remedy)
 
 
@@ -104,12 +107,6 @@ def _checked_answer(path: Path, entry: Entry) -> tuple[Request | None, Completio
     answer = convert(Completion, entry.answer, place=f"{path}, answer", error=StoreError, remedy="delete it")
     request = convert(Request, entry.request, place=f"{path}, request", error=StoreError, remedy="delete it")
     return request, answer
-
-
-def _row(kind: str, model: str, files: Sequence[tuple[int, Spending]]) -> list[str]:
-    spent = total(spent for _, spent in files)
-    tokens = [*token_cells(spent), usd(spent)] if spent.answers else ["", "", ""]
-    return [kind, model, str(len(files)), f"{sum(size for size, _ in files) / 1e6:.2f} MB", *tokens]
 
 
 def take_in(source: Path, entries: Iterable[Entry], root: Path) -> tuple[int, int]:

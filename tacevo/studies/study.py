@@ -53,6 +53,7 @@ from tacevo.results.study_lines import (
 )
 from tacevo.rules import CURRENT, EAGER, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, load_same, source_of
+from tacevo.runs.local import crowded
 from tacevo.runs.progress import Progress
 from tacevo.runs.seeds import noise_seed
 from tacevo.runs.session import mirrored
@@ -218,6 +219,8 @@ def train_and_record(
         data = load_data(run, view, catalogue=catalogue)
         job = _on_other_data(job, elsewhere, data.facts)
     job = _grouped(job, data.facts)
+    for warning in crowded(run):
+        view.say(f"warning: {warning}")
     remove_leftovers_in_stores(Path(run.store.root))
     directory = find_study(job.run.directory.path, job.header, searched=bool(job.run.answered))
     units = units_of(catalogue) if data.scale and catalogue is not None else ()

@@ -13,6 +13,7 @@ from pathlib import Path
 from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.run_files import read_ledger
 from tacevo.redaction import check_address
+from tacevo.storage.places import meant
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.address import MlflowError, prepare, store_address, told
 from tacevo.tracking.shown import read_settings
@@ -76,6 +77,7 @@ def find_runs(path: Path) -> tuple[Path, ...]:
             "a directory without run.json, here and below" if path.exists() else "a path that does not exist",
             place=str(path),
             expected="a run directory, or one that contains some",
+            remedy="" if path.exists() else meant(path),
         )
     return tuple(runs)
 

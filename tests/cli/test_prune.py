@@ -43,7 +43,7 @@ def test_prune_removes_nothing_without_a_yes(
     monkeypatch.setattr("sys.stdin", io.StringIO(said))
     assert main(["cache", "prune"]) == 1
     assert stray.exists()
-    assert "| probes |" in capsys.readouterr().out
+    assert "1 file of 0.0 MB (probes 1)" in capsys.readouterr().out
 
 
 def test_prune_needs_to_know_what_runs_need(

@@ -12,9 +12,13 @@ from rooms import ROOMS
 
 
 def drawn(start: str) -> list[str]:
-    """Read the picture that begins with a row: what stands left of each row's explanation, top to bottom."""
+    """Read the picture that begins with a row: what stands left of each row's explanation, top to bottom.
+
+    A line that begins with blanks goes on with the one above it.
+    """
     text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
-    rows = text[text.index(f"    {start} ") :].split("\n\n")[0].splitlines()
+    picture = text[text.index(f"\n{start} ") + 1 :].split("\n```")[0]
+    rows = re.sub(r"\n +", " ", picture).splitlines()
     return [re.split(r"\s{2,}", row.strip())[0] for row in rows]
 
 

@@ -33,6 +33,10 @@ OF_A_READER = re.compile(r"task=(shear|\w+-paper)|\bparts/\w+\.py")
 #: A file that a page has a reader write: its name, and the text.
 WRITTEN = re.compile(r"^```python\n# (\S+\.py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
+#: A block that a page fences, and what it begins with where it is a file, or a test of one.
+FENCED = re.compile(r"^```(?:sh|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+OF_A_FILE = re.compile(r"# \S+\.py\b|import pytest")
+
 #: A command of ours, or one that a page has between two; a line of Python; what is typed elsewhere.
 TYPED = re.compile(r"    (?:.*[ /])?(tacevo [a-z][^#]+)|    ((?:sed|mkdir|unzip) [^#]+)")
 PYTHON = re.compile(r"    (import tacevo|(?:\w+ = )?(?:tacevo|run|study|sweep|table|print)[.(].*)")
@@ -81,12 +85,22 @@ SMALLER = {
 }
 
 
+def indented(page: Path) -> str:
+    """Return a page with its fenced blocks indented, and without comments that have a line of their own in a block."""
+
+    def indent(block: re.Match[str]) -> str:
+        lines = [line for line in block[1].splitlines() if not line.startswith("#")]
+        return block[0] if OF_A_FILE.match(block[1]) else "\n".join(f"    {line}" if line else "" for line in lines)
+
+    return FENCED.sub(indent, page.read_text(encoding="utf-8"))
+
+
 def commands_of(page: Path) -> list[tuple[str, list[str]]]:
     """List the commands of a page, each with the lines of output that the page shows below it.
 
     They are without comments and optional words, and have the first of several choices. Those with `...` lack a part.
     """
-    text = re.sub(r" *\\\n *", " ", page.read_text(encoding="utf-8"))
+    text = re.sub(r" *\\\n *", " ", indented(page))
     commands: list[tuple[str, list[str]]] = []
     shown: list[str] = []
     for line in text.splitlines():
@@ -111,7 +125,7 @@ def write_files_of(page: Path, folder: Path) -> None:
 
 def python_of(page: Path) -> list[str]:
     """List the lines of Python of a page."""
-    return [line.strip() for line in page.read_text(encoding="utf-8").splitlines() if PYTHON.match(line)]
+    return [line.strip() for line in indented(page).splitlines() if PYTHON.match(line)]
 
 
 COMMANDS = {page: commands_of(page) for page in PAGES}
@@ -123,7 +137,8 @@ EACH = dict.fromkeys(command for commands in COMMANDS.values() for command, _ in
 @pytest.mark.parametrize("command", [command for command in EACH if not OF_A_READER.search(command)])
 def test_written_command_can_be_typed(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The command line reads it; every value of a search's settings is composed; an estimate needs no model."""
-    monkeypatch.setattr("tacevo.cli.commands.check_place", lambda path: None)  # runs/NAME is not there
+    for name in ("check_place", "check_sweep"):  # runs/NAME is not there
+        monkeypatch.setattr(f"tacevo.cli.commands.{name}", lambda path: None)
     words = shlex.split(command)[1:]
     _parsed(words)
     if words[0] != "search":

@@ -13,15 +13,16 @@ from rich.console import Console
 
 import tacevo
 from analysis.report.collection import outcomes, read_studies
-from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
 from tacevo.choices import Numerics
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.evolution.lines import GenerationLine
+from tacevo.reproduce.demo import DEMO, compared
 from tacevo.reproduce.replay import replay
 from tacevo.results.run import read_run
+from tacevo.results.study_directory import studies_of
 from tacevo.rules import CURRENT
 from tacevo.runs.progress import Progress
 from tacevo.studies.study import replay_studies
@@ -167,9 +168,13 @@ def test_readme_shows_what_the_demo_prints() -> None:
     assert f"elites={len(noise.record.networks) - 1} seeds={noise.record.seeds}" in (ROOT / "Makefile").read_text()
     assert section_of("Start").split("\n\n")[2].split("\n    ") == [
         f"    {out.getvalue().splitlines()[-1].replace(' replayed:', trained)}",
-        as_markdown(outcome).splitlines()[0],
+        outcome.caption,
         f"digest: {noise.record.digest}",
     ]
+    assert noise.record.digest == DEMO.digest
+    assert {name: run.record.versions[name] for name in DEMO.versions} == DEMO.versions
+    (folder,) = studies_of(run.path)
+    assert compared(run, folder) == "equal to the digest in README: all 69 trainings have the same bits as there"
 
 
 def test_python_of_readme_runs() -> None:

@@ -1,4 +1,4 @@
-"""Promise: who watches a search reads how many of its slots are done."""
+"""Promise: who watches a search reads how many of its candidates are done."""
 
 import io
 import itertools
@@ -14,7 +14,6 @@ from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.state import Budget, Plan
 from tacevo.records import Training
 from tacevo.rounding import significant
-from tacevo.runs import progress
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.storage.ledger import Ledger
 
@@ -24,11 +23,11 @@ PLAN = fakes.plan(generations=2)
 @pytest.mark.parametrize(
     ("plan", "told"),
     [
-        (PLAN, "(16 of 16 slots done)"),
-        (replace(PLAN, budget=Budget(flops=1, images=1, epochs=1)), "(4 of at most 16 slots done)"),
+        (PLAN, "(16 of 16 candidates done)"),
+        (replace(PLAN, budget=Budget(flops=1, images=1, epochs=1)), "(4 of at most 16 candidates done)"),
     ],
 )
-def test_slots_are_counted(plan: Plan, told: str) -> None:
+def test_candidates_are_counted(plan: Plan, told: str) -> None:
     """A budget may end a search before all that were planned."""
     out = io.StringIO()
     run_search(plan, fakes.effects(), Ledger(), Watcher(plan, Progress(Console(file=out))))
@@ -74,17 +73,16 @@ def test_narrow_terminal_cuts_no_figure() -> None:
     """On 80 columns count, rate and time left are whole beside a long note, of which the beginning is kept."""
     text = io.StringIO()
     with Progress(Console(file=text, force_terminal=True, width=80, color_system=None)) as view:
-        view.advance("slots", 115, 128)
-        view.advance("slots", 120, 128, "best 1.03 (baseline 1.2, trivial 1.57), at chance, coverage 12%")
+        view.advance("candidates", 115, 128)
+        view.advance("candidates", 120, 128, "best 1.03 (baseline 1.2, trivial 1.57), at chance, coverage 12%")
     last = next(line for line in reversed(text.getvalue().splitlines()) if "120/128" in line)
-    assert re.search(r"slots .*120/128 best 1\.03 \(.* \S+/(s|min) +\d:\d\d:\d\d left", last)
+    assert re.search(r"candidates .*120/128 best 1\.03 \(.* \S+/(s|min) +\d:\d\d:\d\d left", last)
 
 
-def test_log_is_never_silent_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_log_is_never_silent_for_long() -> None:
     """Whatever works says how far it is, or that it works; nothing is said once it has ended."""
-    monkeypatch.setattr(progress, "SILENCE", 0.05)
     text = io.StringIO()
-    with Progress(Console(file=text, width=200)) as view:
+    with Progress(Console(file=text, width=200), silence=0.05) as view:
         assert eventually(lambda: "at work" in text.getvalue(), seconds=20)
         view.advance("trainings", 4, 36)
         assert eventually(lambda: "trainings: 4 of 36, at work" in text.getvalue(), seconds=20)

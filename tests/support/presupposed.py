@@ -28,7 +28,7 @@ def write_presupposed(folder: Path) -> None:
     with zipfile.ZipFile(GOLDEN / "demo.zip") as bundle:
         tacevo("cache", "import", bundle.extract("store.jsonl.xz", folder), cwd=folder)
     demo = re.findall(r"^\t\$\(BIN\)/tacevo (.*runs/demo.*)", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
-    assert len(demo) == 2
+    assert len(demo) == 3
     for line in (*demo, "study runs/demo elites=1 seeds=4 epochs=1"):
         tacevo(*line.split(), cwd=folder)
     with pytest.MonkeyPatch.context() as patch:
