@@ -2,7 +2,7 @@
 
 from itertools import cycle
 from textwrap import fill
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -55,7 +55,7 @@ _PANEL, _ROW, _LINE = 2.1, 0.26, 0.1
 _LEGEND, _HANDLE, _NAME, _FIGURE = 130, 8, 28, 88
 
 #: The longest line of a name beside an upright axis, in characters.
-_UPRIGHT = 26
+_UPRIGHT = 15
 
 #: Of a forest plot: inches above and below its rows, and characters of a line below them.
 _AROUND, _WIDE = 1.0, 50
@@ -67,8 +67,8 @@ _ENDS = {
     Metric.test_loss: ("test loss, geometric mean", 1),
     Metric.best_fitness: ("best validation loss", 1),
     Metric.new_quartile: ("new candidates, lower quartile", 1),
-    Metric.qd_score: ("QD-score (common archive)", 1),
-    Metric.coverage: ("coverage (common archive, %)", 100),
+    Metric.qd_score: ("QD-score, common archive", 1),
+    Metric.coverage: ("coverage (%), common archive", 100),
 }
 
 _Values = NDArray[np.float64]
@@ -145,14 +145,19 @@ def forest(ablation: Ablation) -> Figure:
     factor, unit = (100, " (points)") if metric in FRACTIONS else (1, "")
     for place, one in enumerate(rows.itertuples()):
         if np.isnan(one.difference):
-            axes.text(0.02, place, one.comparability, transform=axes.get_yaxis_transform(), va="center")
+            where: dict[str, Any] = {
+                "transform": axes.get_yaxis_transform(),
+                "va": "center",
+                "backgroundcolor": "white",
+            }
+            axes.text(0.02, place, one.comparability, **where)
             continue
         ends = factor * one.difference_low, factor * one.difference_high
         is_shown = bool(one.p_holm <= ALPHA)
         colour = BLUE if is_shown else GREY
         interval(axes, place, factor * one.difference, ends, colour=colour, marker="o", is_filled=is_shown)
         beside(axes, place, shown(PValue(one.p_holm)))
-    beside(axes, -1, "p, Holm")
+    beside(axes, -1, "p after Holm")
     axes.set_yticks(range(len(rows)), names, parse_math=False)
     sides = ("better", "worse") if metric in LESS_IS_BETTER else ("worse", "better")
     label = f"{metric.value}{unit}: arm less {ablation.reference}, medians"

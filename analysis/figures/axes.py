@@ -143,7 +143,7 @@ def on_loss_axis(axes: Axes, losses: Iterable[float | None]) -> None:
 
 
 #: Where words beside a row of a forest plot stand, in widths of its axes.
-_BESIDE = (1.03, 1.27)
+_BESIDE = 1.03
 
 
 def interval(
@@ -155,10 +155,9 @@ def interval(
     axes.plot(value, row, marker, color=colour, markerfacecolor=face, markersize=4.5, zorder=3)
 
 
-def beside(axes: Axes, row: int, *words: str) -> None:
-    """Write words to the right of a row of a forest plot."""
-    for place, text in zip(_BESIDE, words, strict=False):
-        axes.text(place, row, text, transform=axes.get_yaxis_transform(), va="center", parse_math=False)
+def beside(axes: Axes, row: int, words: str) -> None:
+    """Write words to the right of a row of a forest plot; row -1 is its head."""
+    axes.text(_BESIDE, row, words, transform=axes.get_yaxis_transform(), va="center")
 
 
 def forest_axes(axes: Axes, rows: int, label: str, sides: tuple[str, str]) -> None:

@@ -3,6 +3,7 @@
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -38,14 +39,15 @@ _NOTE = {"single": 60, "double": 130}
 
 
 @house_style()
-def seed_boxes(study: RecordedStudy, words: Mapping[str, Sequence[str]]) -> Figure:
+def seed_boxes(study: RecordedStudy, words: Mapping[str, Sequence[str]], head: Sequence[str] = ()) -> Figure:
     """Draw the primary metric of every network as a box of quartiles, with every seed as a point over it.
 
     Of fewer than six seeds there are the points and the median only. Whiskers end at the furthest seed within 1.5
     quartile ranges; seeds beyond are seen as points like all others. Where one test image makes a step that can be
     seen, the axis says how large it is.
 
-    `words` are the lines above a network, by its name: its verdict and its p, say.
+    `words` are the lines above a network, by its name: its verdict and its p, say; `head` are those above the baseline,
+    which say what the others are.
     """
     figure, (axes,) = new_figure("single", 2.6)
     factor, unit = _unit(study)
@@ -63,9 +65,10 @@ def seed_boxes(study: RecordedStudy, words: Mapping[str, Sequence[str]]) -> Figu
     axes.axhline(float(np.median(values[0])), color=VERMILLION, linestyle=":", linewidth=0.8, zorder=0)
     axes.set_xticks(list(places), [network.whole_name.replace(" ", "\n", 1) for network in study.networks])
     axes.set_ylabel(f"test {metric_name(study.primary)}{unit}{_step(study)}")
+    where: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "va": "bottom"}
     for place, name in zip(places, names, strict=True):
-        where = axes.get_xaxis_transform()
-        axes.text(place, 1.01, "\n".join(words.get(name, ())), transform=where, ha="center", va="bottom")
+        axes.text(place, 1.01, "\n".join(words.get(name, ())), ha="center", **where)
+    axes.text(1.35, 1.01, "\n".join(head if words else ()), ha="right", **where)
     return figure
 
 
@@ -101,8 +104,8 @@ def forest(study: RecordedStudy, comparisons: pd.DataFrame) -> Figure:
         ends = factor * one.difference_low, factor * one.difference_high
         colour, marker, is_filled = _VERDICTS[Verdict(one.verdict)]
         interval(axes, place, factor * one.difference, ends, colour=colour, marker=marker, is_filled=is_filled)
-        beside(axes, place, one.verdict, f"p {p_in_words(deciding_p(one))}")
-    beside(axes, -1, "verdict", "p, Holm")
+        beside(axes, place, f"{one.verdict}, p {p_in_words(deciding_p(one))}")
+    beside(axes, -1, "p after Holm")
     axes.set_yticks(range(len(comparisons)), [names[one] for one in comparisons.network], parse_math=False)
     where = "points of test accuracy" if study.primary in SHARES else f"test {metric_name(study.primary)}"
     better = ("better", "worse") if LOWER_IS_BETTER[study.primary] else ("worse", "better")

@@ -256,7 +256,11 @@ def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tu
         f"Test results of {study.seeds} training seeds of each network ({data}). Points are seeds, boxes "
         f"quartiles, the dotted line is the baseline's median{ending}"
     )
-    pictures = [Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts))]
+    pictures = [
+        Picture(
+            name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts, ("verdict", "p after Holm"))
+        )
+    ]
     if verdicts:
         words = (
             f"What each network differs from the baseline by ({data}): the difference of medians over {study.seeds} "
