@@ -39,7 +39,7 @@ _NOTE = {"single": 60, "double": 130}
 
 
 @house_style()
-def seed_boxes(study: RecordedStudy, words: Mapping[str, Sequence[str]], head: Sequence[str] = ()) -> Figure:
+def seed_boxes(study: RecordedStudy, words: Mapping[str, str], head: str = "") -> Figure:
     """Draw the primary metric of every network as a box of quartiles, with every seed as a point over it.
 
     Of fewer than six seeds there are the points and the median only. Whiskers end at the furthest seed within 1.5
@@ -67,8 +67,8 @@ def seed_boxes(study: RecordedStudy, words: Mapping[str, Sequence[str]], head: S
     axes.set_ylabel(f"test {metric_name(study.primary)}{unit}{_step(study)}")
     where: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "va": "bottom"}
     for place, name in zip(places, names, strict=True):
-        axes.text(place, 1.01, "\n".join(words.get(name, ())), ha="center", **where)
-    axes.text(1.35, 1.01, "\n".join(head if words else ()), ha="right", **where)
+        axes.text(place, 1.01, words.get(name, ""), ha="center", **where)
+    axes.text(1.35, 1.01, head if words else "", ha="right", **where)
     return figure
 
 

@@ -236,7 +236,8 @@ def undrawn(run: RecordedRun) -> tuple[str, ...]:
 
 def _all_trained(run: RecordedRun) -> bool:
     """Answer whether no first answer was rejected or skipped."""
-    return all(line.stage is None and not line.skipped and not line.repairs for line in run.candidates)
+    rest = [line for line in run.candidates if line.stage is not None or line.skipped or line.repairs]
+    return len(run.candidates) > 0 and not rest
 
 
 def _has_map(run: RecordedRun) -> bool:
@@ -246,7 +247,7 @@ def _has_map(run: RecordedRun) -> bool:
 def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tuple[Picture, ...]:
     """List the figures of a study; without comparisons its boxes have no verdicts."""
     verdicts = {
-        one.network: (one.verdict, f"p {p_in_words(deciding_p(one))}") for one in of_whole(comparisons).itertuples()
+        one.network: f"{one.verdict}\np {p_in_words(deciding_p(one))}" for one in of_whole(comparisons).itertuples()
     }
     equal = ", and of an equivalent network that of the test of equivalence"
     ending = f"; p is Holm's{equal if Verdict.equivalent in set(of_whole(comparisons).verdict) else ''}."
@@ -257,9 +258,7 @@ def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tu
         f"quartiles, the dotted line is the baseline's median{ending}"
     )
     pictures = [
-        Picture(
-            name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts, ("verdict", "p after Holm"))
-        )
+        Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts, "verdict\np after Holm"))
     ]
     if verdicts:
         words = (
