@@ -28,7 +28,7 @@ from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.status import describe_jobs, status_of
 from tacevo.sweeps.terms import describe_terms
-from tacevo.text import in_markdown, printable, table
+from tacevo.text import in_markdown, plain, printable, table
 
 
 def run_show(run: str, candidate: str | None, *, only_source: bool) -> int:
@@ -97,7 +97,7 @@ def show_run(path: Path, store: Path | None = None) -> str:
 
 def _quoted(paragraph: str) -> str:
     """Write a paragraph of a note as a quotation, which no line of the summary is."""
-    return fill(printable(paragraph), 110, initial_indent="> ", subsequent_indent="> ")
+    return fill(printable(plain(paragraph)), 110, initial_indent="> ", subsequent_indent="> ")
 
 
 def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
