@@ -282,7 +282,7 @@ def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
 
 def _verdict(study: RecordedStudy, comparison: Any) -> str:
     """Write a verdict with the p of the test that gave it."""
-    p = f"Holm's p {p_in_words(deciding_p(comparison))}"
+    p = f"p after Holm {p_in_words(deciding_p(comparison))}"
     if comparison.verdict != Verdict.equivalent:
         return f"{comparison.verdict}, {p}"
     return f"{comparison.verdict}, {p} of equivalence, margin {margin_in_words(study, comparison.margin)}"
