@@ -39,6 +39,21 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def plain(paragraph: str) -> str:
+    """Return a paragraph of Markdown as plain text: no marks of emphasis and code, and links with their address."""
+    from markdown_it import MarkdownIt  # takes time to import, and few texts are Markdown
+
+    words: list[str] = []
+    addresses: list[str] = []
+    for token in MarkdownIt("commonmark").parseInline(paragraph)[0].children or []:
+        if token.type == "link_open":
+            addresses.append("" if token.info == "auto" else f" ({token.attrGet('href')})")
+        words.append(addresses.pop() if token.type == "link_close" else token.content)
+        if token.type in {"softbreak", "hardbreak"}:
+            words.append(" ")
+    return "".join(words)
+
+
 def lasting(seconds: float) -> str:
     """Write a time in round figures: `about 40 seconds`, `about 25 minutes`, `about 3.4 hours`, `about 5 days`."""
     if seconds < 100:

@@ -2,7 +2,7 @@
 
 from itertools import cycle
 from textwrap import fill
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -10,7 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.figures.axes import boxes, count_along, name_coinciding, on_loss_axis, spread
+from analysis.figures.axes import (
+    beside,
+    boxes,
+    count_along,
+    forest_axes,
+    interval,
+    name_coinciding,
+    on_loss_axis,
+    spread,
+)
 from analysis.figures.style import (
     BLACK,
     BLUE,
@@ -23,8 +32,11 @@ from analysis.figures.style import (
     house_style,
     new_figure,
 )
+from analysis.rounding import shown
 from analysis.sweeps.ablation import CURVES, QUARTILES, Ablation, by_generation
-from analysis.sweeps.arm_metrics import Metric
+from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, Metric
+from analysis.table import PValue
+from tacevo.results.sweep import ALPHA
 
 #: A name of Matplotlib's, or an offset with the lengths of dashes and gaps.
 _Dash = str | tuple[int, tuple[int, ...]]
@@ -42,6 +54,12 @@ _PANEL, _ROW, _LINE = 2.1, 0.26, 0.1
 #: the words below all panels.
 _LEGEND, _HANDLE, _NAME, _FIGURE = 130, 8, 28, 88
 
+#: The longest line of a name beside an upright axis, in characters.
+_UPRIGHT = 15
+
+#: Of a forest plot: inches above and below its rows, and characters of a line below them.
+_AROUND, _WIDE = 1.0, 50
+
 #: What final values are drawn of: the words below, and what values are multiplied by.
 _ENDS = {
     Metric.test_mse: ("test MSE", 1),
@@ -49,8 +67,8 @@ _ENDS = {
     Metric.test_loss: ("test loss, geometric mean", 1),
     Metric.best_fitness: ("best validation loss", 1),
     Metric.new_quartile: ("new candidates, lower quartile", 1),
-    Metric.qd_score: ("QD-score (common archive)", 1),
-    Metric.coverage: ("coverage (common archive, %)", 100),
+    Metric.qd_score: ("QD-score, common archive", 1),
+    Metric.coverage: ("coverage (%), common archive", 100),
 }
 
 _Values = NDArray[np.float64]
@@ -79,7 +97,7 @@ def curves(ablation: Ablation, frame: pd.DataFrame) -> Figure:
         name_coinciding(axes)
     on_loss_axis(panels[0], [None if np.isnan(value) else value for value in frame.best_fitness])
     for axes, metric in zip(panels, CURVES, strict=True):
-        axes.set_ylabel(_ENDS[metric][0])
+        axes.set_ylabel(fill(_ENDS[metric][0], _UPRIGHT))
     for axes in panels[1:]:
         axes.set_ylim(bottom=0)
     handles, labels = panels[0].get_legend_handles_labels()
@@ -92,9 +110,9 @@ def final_values(ablation: Ablation) -> Figure:
     """Draw where every run ended, arm by arm, over quartiles (`boxes`); the dotted line is the reference's median."""
     names = [fill(name, _NAME) for name in ablation.names]
     lines = max(name.count("\n") for name in names)
-    shown = [metric for metric in _ENDS if metric in ablation.arms]
-    figure, panels = new_figure("double", 0.6 + (_ROW + _LINE * lines) * len(names), columns=len(shown))
-    for axes, metric in zip(panels, shown, strict=True):
+    metrics = [metric for metric in _ENDS if metric in ablation.arms]
+    figure, panels = new_figure("double", 0.6 + (_ROW + _LINE * lines) * len(names), columns=len(metrics))
+    for axes, metric in zip(panels, metrics, strict=True):
         label, factor = _ENDS[metric]
         samples = [factor * np.array(list(ablation.values(name, metric).values())) for name in ablation.names]
         boxes(axes, samples, range(len(samples)), orientation="horizontal", widths=0.66, whis=(0, 100))
@@ -103,11 +121,47 @@ def final_values(ablation: Ablation) -> Figure:
             axes.plot(values, points, look.marker, color=look.colour, mec="white", mew=0.3, markersize=3.6, zorder=3)
         if ablation.reference is not None and len(samples[0]):
             axes.axvline(float(np.median(samples[0])), color=GREY, linestyle=":", linewidth=0.8, zorder=0)
-        axes.set_xlabel(fill(label, _FIGURE // len(shown)))
+        axes.set_xlabel(fill(label, _FIGURE // len(metrics)))
         axes.set_yticks(range(len(names)), names, parse_math=False)
         axes.set_ylim(len(names) - 0.5, -0.5)
     for axes in panels[1:]:
         axes.tick_params(labelleft=False)
+    return figure
+
+
+@house_style()
+def forest(ablation: Ablation) -> Figure:
+    """Draw how much every arm differs from the reference in the first metric (`Ablation.first`), with p after Holm.
+
+    A difference is one of medians; runs that are the reference's own do not enter it. An arm that is not compared has
+    its reason in its row.
+    """
+    metric = ablation.first
+    frame = ablation.arms[metric]
+    rows = frame[frame.index != ablation.reference]
+    names = [fill(name, _NAME) for name in rows.index]
+    lines = max([name.count("\n") for name in names], default=0)
+    figure, (axes,) = new_figure("single", _AROUND + (_ROW + _LINE * lines) * max(len(rows), 1))
+    factor, unit = (100, " (points)") if metric in FRACTIONS else (1, "")
+    for place, one in enumerate(rows.itertuples()):
+        if np.isnan(one.difference):
+            where: dict[str, Any] = {
+                "transform": axes.get_yaxis_transform(),
+                "va": "center",
+                "backgroundcolor": "white",
+            }
+            axes.text(0.02, place, one.comparability, **where)
+            continue
+        ends = factor * one.difference_low, factor * one.difference_high
+        is_shown = bool(one.p_holm <= ALPHA)
+        colour = BLUE if is_shown else GREY
+        interval(axes, place, factor * one.difference, ends, colour=colour, marker="o", is_filled=is_shown)
+        beside(axes, place, shown(PValue(one.p_holm)))
+    beside(axes, -1, "p after Holm")
+    axes.set_yticks(range(len(rows)), names, parse_math=False)
+    sides = ("better", "worse") if metric in LESS_IS_BETTER else ("worse", "better")
+    label = f"{metric.value}{unit}: arm less {ablation.reference}, medians"
+    forest_axes(axes, len(rows), fill(label, _WIDE), sides)
     return figure
 
 

@@ -1,13 +1,15 @@
 """Axes that several figures share."""
 
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.patches import PathPatch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import Formatter, Locator, MaxNLocator, NullFormatter, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from analysis.figures.style import BLACK, GREY, PALE
@@ -79,10 +81,52 @@ def spread(place: float, count: int) -> NDArray[np.float64]:
     return place + (np.linspace(-_SPREAD, _SPREAD, count) if count > 1 else np.zeros(count))
 
 
-def count_along(axes: Axes, label: str) -> None:
-    """Name the level axis of whole numbers, e.g. of generations."""
+class RoundLogLocator(Locator):
+    """Put the ticks of a logarithmic axis at round numbers.
+
+    These are the powers of ten where three or more can be seen, else 1, 2 and 5 times these. Where not even two of
+    them can be seen, they are the round numbers of a linear axis.
+    """
+
+    def __call__(self) -> Sequence[float]:
+        """Return the ticks of the axis."""
+        low, high = self.axis.get_view_interval() if self.axis is not None else (1.0, 10.0)
+        return self.tick_values(low, high)
+
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+        """Return the ticks from one value, above 0, to another one."""
+        low, high = sorted((vmin, vmax))
+        decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        for digits, fewest in (((1,), 3), ((1, 2, 5), 2)):
+            ticks = [float(f"{digit}e{decade}") for decade in decades for digit in digits]
+            seen = [tick for tick in ticks if low <= tick <= high]
+            if len(seen) >= fewest:
+                return seen
+        linear = MaxNLocator(nbins=4, steps=[1, 2, 5, 10]).tick_values(low, high)
+        return [float(tick) for tick in linear if low <= tick <= high]
+
+
+def count_along(axes: Axes, label: str, *, most: int = 9) -> None:
+    """Name the level axis of whole numbers, e.g. of generations, on which all is drawn already.
+
+    Its ticks are whole and round, and none lies beyond what is drawn.
+    """
     axes.set_xlabel(label)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    ends = axes.dataLim.intervalx
+    if not np.isfinite(ends).all():
+        return
+    first, last = math.ceil(ends[0]), math.floor(ends[1])  # bars and steps reach half a place beyond
+    ticks = MaxNLocator(nbins=most, steps=[1, 2, 5, 10], integer=True, min_n_ticks=1).tick_values(first, last)
+    axes.set_xticks([int(tick) for tick in ticks if first <= tick <= last and tick == int(tick)])
+
+
+def logarithmic(axis: Axis, formatter: Formatter | None = None) -> None:
+    """Make an axis logarithmic, with round numbers (`RoundLogLocator`), written plainly unless a formatter is given."""
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})  # type: ignore[attr-defined]
+    axis.set_major_locator(RoundLogLocator())
+    axis.set_major_formatter(StrMethodFormatter("{x:g}") if formatter is None else formatter)
+    axis.set_minor_formatter(NullFormatter())
+    axis.set_minor_locator(NullLocator())
 
 
 def on_loss_axis(axes: Axes, losses: Iterable[float | None]) -> None:
@@ -93,9 +137,42 @@ def on_loss_axis(axes: Axes, losses: Iterable[float | None]) -> None:
     values = [loss for loss in losses if loss is not None]
     axes.set_ylabel("validation loss")
     if values and min(values) > 0 and max(values) >= LOG_FROM * min(values):
-        axes.set_yscale("log")
+        logarithmic(axes.yaxis)
     else:
         axes.set_ylim(bottom=0)
+
+
+#: Where words beside a row of a forest plot stand, in widths of its axes.
+_BESIDE = 1.03
+
+
+def interval(
+    axes: Axes, row: int, value: float, ends: tuple[float, float], *, colour: str, marker: str, is_filled: bool
+) -> None:
+    """Draw a difference and its interval into a row of a forest plot."""
+    axes.plot(ends, [row, row], color=colour, solid_capstyle="butt", zorder=2)
+    face = colour if is_filled else "white"
+    axes.plot(value, row, marker, color=colour, markerfacecolor=face, markersize=4.5, zorder=3)
+
+
+def beside(axes: Axes, row: int, words: str) -> None:
+    """Write words to the right of a row of a forest plot; row -1 is its head."""
+    axes.text(_BESIDE, row, words, transform=axes.get_yaxis_transform(), va="center")
+
+
+def forest_axes(axes: Axes, rows: int, label: str, sides: tuple[str, str]) -> None:
+    """Complete a forest plot: the line of no difference, which always is in sight, and what lies at either side."""
+    axes.axvline(0, color=BLACK, linewidth=0.8, zorder=1)
+    low, high = axes.get_xlim()
+    axes.set(ylim=(rows - 0.5, -0.5), xlabel=label, xlim=(low, high))
+    axes.tick_params(axis="y", length=0)
+    for place, side, words in (
+        (0.0, "left", f"\N{LEFTWARDS ARROW} {sides[0]}"),
+        (1.0, "right", f"{sides[1]} \N{RIGHTWARDS ARROW}"),
+    ):
+        axes.text(place, 1.02, words, transform=axes.transAxes, ha=side, va="bottom")
+    axes.grid(axis="x", color="#DDDDDD")
+    axes.set_axisbelow(True)
 
 
 def title_unsent_temperatures(axes: Axes, run: RecordedRun) -> None:

@@ -1,15 +1,28 @@
 """How a search went: fitness, trainable candidates, archives and temperature by generation; children by instruction."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from analysis.figures.axes import count_along, name_coinciding, on_loss_axis, title_unsent_temperatures
-from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
+from analysis.figures.axes import count_along, name_coinciding, on_loss_axis, spread, title_unsent_temperatures
+from analysis.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    OUTLINED,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    house_style,
+    new_figure,
+)
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun
 
@@ -23,12 +36,20 @@ _STAGES = {
 
 
 @house_style()
-def fitness_evolution(run: RecordedRun, medians: Sequence[float | None]) -> Figure:
+def fitness_evolution(
+    run: RecordedRun, medians: Sequence[float | None], again: Mapping[str, float] | None = None
+) -> Figure:
     """Draw best and median fitness of the network archive, and the median of each generation's new candidates.
 
-    The medians are of the archive after each generation; None before anything was trained.
+    The record flatters: beside it stand the baseline, and what networks have with other seeds, each joined by a line
+    to its fitness on record.
+
+    Args:
+        run: the run.
+        medians: of the archive after each generation; None before anything was trained.
+        again: the re-estimates of candidates by id; those of the baseline, too.
     """
-    figure, (axes,) = new_figure("single", 2.2)
+    figure, (axes,) = new_figure("single", 2.5)
     generations = [entry.generation for entry in run.generations]
     best = [entry.best for entry in run.generations]
     new = [entry.generation_median for entry in run.generations]
@@ -37,11 +58,33 @@ def fitness_evolution(run: RecordedRun, medians: Sequence[float | None]) -> Figu
     axes.plot(generations, lines[0], color=GREY, linestyle=":", marker="^", label="median of new")
     axes.plot(generations, lines[1], color=VERMILLION, linestyle="--", marker="s", label="archive median")
     axes.plot(generations, lines[2], color=BLUE, marker="o", label="best so far")
-    on_loss_axis(axes, [*best, *medians, *new])
+    baseline = run.baseline.fitness
+    if baseline is not None:
+        axes.axhline(baseline, color=BLACK, linestyle=(0, (5, 2)), linewidth=0.8, zorder=1, label="baseline")
+    estimates = _reestimates(axes, run, again or {})
+    on_loss_axis(axes, [*best, *medians, *new, baseline, *estimates])
     count_along(axes, "generation")
     name_coinciding(axes)
     figure.legend(loc="outside upper center", ncols=3)
     return figure
+
+
+def _reestimates(axes: Axes, run: RecordedRun, again: Mapping[str, float]) -> list[float]:
+    """Draw re-estimates where their networks were made, side by side within a generation; return them."""
+    known: dict[int, list[tuple[str, float]]] = {}
+    for line in run.trained:
+        if line.id in again and line.fitness is not None:
+            known.setdefault(line.generation, []).append((line.id, line.fitness))
+    drawn = []
+    for generation, those in known.items():
+        for place, (name, recorded) in zip(spread(generation, len(those)), those, strict=True):
+            mark: dict[str, Any] = {"color": BLACK if name == run.baseline.id else ORANGE, "zorder": 4, **OUTLINED}
+            axes.plot([place] * 2, [recorded, again[name]], color=mark["color"], linewidth=0.8, zorder=3)
+            axes.plot(place, again[name], "D", markersize=4.2, **mark)
+            drawn.append(again[name])
+    if drawn:
+        axes.plot([], [], "D", markersize=4.2, color=ORANGE, label="re-estimated")
+    return drawn
 
 
 @house_style()
@@ -81,10 +124,10 @@ def growth(run: RecordedRun, prompt_niches: int, reachable: int) -> Figure:
     upper.plot(generations, networks, color=BLUE, marker="o", label=held, **over)
     if reachable:
         prompts = [100 * entry.prompt_coverage * prompt_niches / reachable for entry in run.generations]
-        words = "prompts (of reachable niches)"
+        words = f"prompts (of the {reachable} niches in reach, of {prompt_niches})"
         upper.plot(generations, prompts, color=ORANGE, linestyle="--", marker="s", label=words, **over)
     upper.set(ylabel="niches occupied (%)" if run.has_niches else "occupied (%)", ylim=(0, 100))
-    figure.legend(loc="outside upper center", ncols=2)
+    figure.legend(loc="outside upper center", ncols=2 if run.has_niches else 1)
     lower.plot(generations, [entry.qd_score for entry in run.generations], color=GREEN, marker="D", **over)
     lower.set_ylabel("QD-score")
     lower.set_ylim(bottom=0)

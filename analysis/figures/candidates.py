@@ -1,13 +1,12 @@
 """Single networks of a search: where the best came from, and how the best were trained."""
 
-from collections.abc import Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from typing import Literal
 
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 
 from analysis.figures.axes import count_along, name_coinciding, on_loss_axis
 from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
@@ -69,31 +68,33 @@ def lineage(ancestors: pd.DataFrame) -> Figure:
         _write(axes, row, one.Index, made.replace("_", " "), fitness)
     hidden = len(ancestors) - len(rows)
     _write(axes, -1, "network", f"made by ({hidden} left out)" if hidden else "made by", "loss")
-    axes.set(ylim=(len(rows) - 0.5, -0.5), yticks=[], xlabel="generation")
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True, min_n_ticks=1))
+    axes.set(ylim=(len(rows) - 0.5, -0.5), yticks=[])
+    count_along(axes, "generation", most=4)
     axes.spines["left"].set_visible(False)
     figure.legend(handles=_operators({one.operator for one in rows}), loc="upper center", ncols=3)
     return figure
 
 
 @house_style()
-def training_curves(networks: Sequence[CandidateLine]) -> Figure:
+def training_curves(networks: Sequence[CandidateLine], names: Mapping[str, str] | None = None) -> Figure:
     """Draw the validation loss of trained candidates after each epoch of the search's short training.
 
     Args:
         networks: trained, at most six, the baseline first.
+        names: of those that a study names, by id: `g12s05 (variant 1)`.
     """
     figure, (axes,) = new_figure("single", 2.4)
     drawn: list[float] = []
     for candidate, (colour, marker, dashes) in zip(networks, _LINES, strict=False):
         losses = candidate.validation_losses or ()
-        label = candidate.operator.value if candidate.operator is Operator.baseline else candidate.id
+        is_baseline = candidate.operator is Operator.baseline
+        label = candidate.operator.value if is_baseline else (names or {}).get(candidate.id, candidate.id)
         axes.plot(range(1, len(losses) + 1), losses, color=colour, marker=marker, linestyle=dashes, label=label)
         drawn += losses
     on_loss_axis(axes, drawn)
     count_along(axes, "epoch")
     name_coinciding(axes)
-    figure.legend(loc="outside upper center", ncols=3)
+    figure.legend(loc="outside upper center", ncols=2 if names else 3)
     return figure
 
 

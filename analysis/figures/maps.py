@@ -1,6 +1,6 @@
-"""Maps of both archives: every niche as its Voronoi cell, in the units of the axes, coloured by what holds it."""
+"""Maps of both archives: niches in the units of their axes, coloured by what holds them."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,22 +9,33 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
-from analysis.figures.axes import title_unsent_temperatures
-from analysis.figures.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, SHADE, VERMILLION, house_style, new_figure
+from analysis.figures.axes import logarithmic, title_unsent_temperatures
+from analysis.figures.style import (
+    BLACK,
+    COLOUR_MAP,
+    DARKEST,
+    GREY,
+    OUTLINED,
+    PALE,
+    SHADE,
+    VERMILLION,
+    house_style,
+    new_figure,
+)
 from analysis.runs.coverage_map import axis_label
-from analysis.runs.niches import Polygon, cells
+from analysis.runs.niches import Polygon, cells, prompt_rows
 from tacevo.results.run import RecordedRun, descriptors_of
 
 #: (low, high) of both axes, in their units.
 Extent = tuple[tuple[float, float], tuple[float, float]]
 
-#: In inches.
-HEIGHT = 3.1
+#: In inches: the height of a map, and of a row of instructions.
+HEIGHT, _ROW = 3.1, 0.145
 
-_OUTLINED: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
+#: Half the height of what fills a row, of which 1 is from one row to the next.
+_HALF = 0.42
 
 
 @house_style()
@@ -41,19 +52,17 @@ def network_map(run: RecordedRun, centroids: NDArray[np.float64]) -> Figure:
     places = {elite.id: _clipped(own[elite.id], extent) for elite in run.elites}
     moved = {name for name, place in places.items() if place != own[name]}
     filled = _fill(axes, _placed(centroids, extent), fitness, _loss_scale(list(fitness.values())), f"{COLOUR_MAP}_r")
-    _points(axes, [place for name, place in places.items() if name not in moved])
+    _points(axes, [place for name, place in places.items() if name not in moved], "elite")
     if run.elites:
         best = places[run.ranked()[0].id]
-        axes.plot(*best, "*", color=VERMILLION, markersize=8, label="best", clip_on=False, **_OUTLINED)
+        axes.plot(*best, "*", color=VERMILLION, markersize=8, label="best", clip_on=False, **OUTLINED)
         bar = figure.colorbar(filled, label="validation loss of the elite", pad=0.02)
         if isinstance(filled.norm, LogNorm):
             bar.set_label("validation loss of the elite (logarithmic scale)")
-            bar.ax.yaxis.set_major_locator(FixedLocator(list(np.geomspace(*filled.get_clim(), 5))))
-            bar.ax.yaxis.set_minor_locator(NullLocator())
-            bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+            logarithmic(bar.ax.yaxis)
     if moved:
         outside = [places[name] for name in sorted(moved)]
-        marks: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "clip_on": False, "zorder": 4, **_OUTLINED}
+        marks: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "clip_on": False, "zorder": 4, **OUTLINED}
         axes.plot(*zip(*outside, strict=True), "X", label="outside the bounds", **marks)
     across, up = (axis_label(axis, scale, r"$\log_{10}$") for axis in run.config.archive.axes)
     axes.set(xlabel=across, ylabel=up)
@@ -63,35 +72,54 @@ def network_map(run: RecordedRun, centroids: NDArray[np.float64]) -> Figure:
 
 @house_style()
 def prompt_map(run: RecordedRun, centroids: NDArray[np.float64], reachable: Collection[int]) -> Figure:
-    """Draw the prompt archive over instruction and temperature, each niche in the colour of its trial's curiosity.
+    """Draw the prompt archive, a row for each instruction over the temperature, coloured by curiosity.
 
-    A trial whose child the network archive did not take is hatched; a niche that the run could not reach is shaded; a
-    title says where temperatures were not sent. The centroids are those of the prompt archive, shape (niches, 2), in
-    [0, 1]; `reachable` are the niches that a trial of the run could have.
+    A row is cut into the niches that its instruction meets: a niche may lie in several rows. One whose trial's child
+    the network archive did not take is hatched; one that the run could not reach is shaded; a title says where
+    temperatures were not sent. The centroids are those of the prompt archive, shape (niches, 2), in [0, 1];
+    `reachable` are the niches that a trial of the run could have.
     """
-    figure, (axes,) = new_figure("single", HEIGHT)
-    curiosity = {trial.niche: trial.curiosity for trial in run.prompt_trials}
-    polygons = _placed(centroids, ((0.0, float(max(len(run.instructions) - 1, 1))), (0.0, 1.0)))
-    filled = _fill(axes, polygons, curiosity, Normalize(0.5, 2.0), COLOUR_MAP)
+    rows = prompt_rows(centroids, len(run.instructions))
+    figure, (axes,) = new_figure("single", 1.0 + _ROW * len(rows))
+    pieces = [(niche, _piece(row, low, high)) for row, cut in enumerate(rows) for niche, low, high in cut]
+    trials = {trial.niche: trial for trial in run.prompt_trials}
     legend: list[Patch] = []
-    beyond = [polygon for niche, polygon in enumerate(polygons) if niche not in reachable]
-    if beyond:
-        shade: dict[str, Any] = {"facecolor": SHADE, "edgecolor": GREY, "linewidth": 0.3, "hatch": "...."}
-        axes.add_collection(PolyCollection(beyond, **shade))
-        legend.append(Patch(**shade, label="out of reach"))
-    fruitless = [trial.niche for trial in run.prompt_trials if not trial.inserted]
+
+    def draw(chosen: Callable[[int], bool], label: str = "", **look: Any) -> None:
+        shapes = [piece for niche, piece in pieces if chosen(niche)]
+        if shapes:
+            axes.add_collection(PolyCollection(shapes, linewidth=0.3, **look))
+            if label:
+                legend.append(Patch(linewidth=0.3, label=label, **look))
+
+    draw(lambda niche: niche not in trials and niche in reachable, "empty", facecolor=PALE, edgecolor=GREY)
+    shade = {"facecolor": SHADE, "edgecolor": GREY, "hatch": "...."}
+    draw(lambda niche: niche not in trials and niche not in reachable, "out of reach", **shade)
+    held = [(niche, piece) for niche, piece in pieces if niche in trials]
+    filled = PolyCollection([piece for _, piece in held], edgecolor=GREY, linewidth=0.3, cmap=COLOUR_MAP)
+    filled.set(array=[trials[niche].curiosity for niche, _ in held], norm=Normalize(0.5, 2.0))
+    axes.add_collection(filled)
+    fruitless = {niche for niche, trial in trials.items() if not trial.inserted}
+    over: dict[str, Any] = {"edgecolor": "white", "hatch": "/////"}
+    draw(lambda niche: niche in fruitless, facecolor="none", **over)
     if fruitless:
-        marks: dict[str, Any] = {"facecolor": "none", "edgecolor": "white", "linewidth": 0.3, "hatch": "/////"}
-        axes.add_collection(PolyCollection([polygons[niche] for niche in fruitless], **marks))
-        legend.append(Patch(**{**marks, "facecolor": DARKEST}, label="child not inserted"))
-    _points(axes, [(trial.prompt, trial.temperature) for trial in run.prompt_trials])
+        legend.append(Patch(facecolor=DARKEST, linewidth=0.3, label="child not inserted", **over))
+    _points(axes, [(trial.temperature, trial.prompt) for trial in run.prompt_trials], "trial")
     if run.prompt_trials:
         figure.colorbar(filled, label="curiosity of the trial", pad=0.02, ticks=[0.5, 1.0, 1.5, 2.0])
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set(xlabel="instruction (index in the library)", ylabel=f"temperature $T_g${run.carried}")
+    names = [name.replace("_", " ") for name in run.instructions]
+    axes.set_yticks(range(len(rows)), names, parse_math=False)
+    axes.tick_params(axis="y", length=0)
+    axes.set(xlim=(0, 1), ylim=(len(rows) - 0.5, -0.5), xlabel=f"temperature $T_g${run.carried}")
     title_unsent_temperatures(axes, run)
     _legend(figure, axes, legend)
     return figure
+
+
+def _piece(row: int, low: float, high: float) -> Polygon:
+    """Return a rectangle that is nearly as high as its row."""
+    top, bottom = row - _HALF, row + _HALF
+    return np.array([(low, top), (high, top), (high, bottom), (low, bottom)])
 
 
 def _placed(centroids: NDArray[np.float64], extent: Extent) -> list[Polygon]:
@@ -117,10 +145,11 @@ def _fill(
     return filled
 
 
-def _points(axes: Axes, points: Iterable[tuple[float, float]]) -> None:
+def _points(axes: Axes, points: Sequence[tuple[float, float]], label: str) -> None:
     """Mark where the occupants stand, visibly on light and on dark cells."""
-    for point in points:
-        axes.plot(*point, "o", color=BLACK, markersize=2.4, clip_on=False, **_OUTLINED)
+    if points:
+        marks: dict[str, Any] = {"color": BLACK, "markersize": 2.8, "linestyle": "", "clip_on": False, **OUTLINED}
+        axes.plot(*zip(*points, strict=True), marker="o", label=label, **marks)
 
 
 def _extent(run: RecordedRun) -> Extent:

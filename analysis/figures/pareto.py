@@ -1,15 +1,11 @@
 """What accuracy costs: every trained candidate, the front, and the hypervolume by generation."""
 
-from typing import Literal
-
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, Formatter, LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import EngFormatter
 
-from analysis.figures.axes import count_along
-from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, house_style, new_figure
+from analysis.figures.axes import count_along, logarithmic
+from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, OUTLINED, house_style, new_figure
 from analysis.runs.pareto import REESTIMATED
 
 
@@ -33,21 +29,14 @@ def pareto(candidates: pd.DataFrame, front: pd.DataFrame, baseline: str, generat
             left.plot(edge.flops[those], edge.fitness[those], marker, color=colour, label=label)
     if baseline in candidates.index:
         of_baseline = candidates.loc[baseline]
-        left.plot(of_baseline.flops, of_baseline.fitness, "*", color=BLACK, markersize=10, zorder=1.5, label="baseline")
+        star = {"color": BLACK, "markersize": 9, "zorder": 4, **OUTLINED}  # above the points, which would hide it
+        left.plot(of_baseline.flops, of_baseline.fitness, "*", label="baseline", **star)
     left.set(xlabel="FLOPs of one image", ylabel="validation loss")
-    _logarithmic(left, left.xaxis, "x", EngFormatter(sep=""))
+    logarithmic(left.xaxis, EngFormatter(sep=""))
     if candidates.fitness.min() > 0:
-        _logarithmic(left, left.yaxis, "y", StrMethodFormatter("{x:g}"))
+        logarithmic(left.yaxis)
     right.plot(generations.index, 100 * generations.hypervolume, color=BLUE, marker="o", clip_on=False, zorder=3)
     right.set(ylabel="hypervolume (% of the box)", ylim=(0, 100))
     count_along(right, "generation")
     figure.legend(loc="outside upper center", ncols=4)
     return figure
-
-
-def _logarithmic(axes: Axes, axis: Axis, name: Literal["x", "y"], formatter: Formatter) -> None:
-    """Make an axis logarithmic, with a number at 1, 2 and 5 of each decade: runs rarely span two."""
-    axes.set(**{f"{name}scale": "log"})
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.set_major_formatter(formatter)
-    axis.set_minor_formatter(NullFormatter())

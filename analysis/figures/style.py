@@ -27,6 +27,9 @@ COLOUR_MAP = "cividis"
 
 DARKEST = "#00224E"
 
+#: Of a marker that stands on others or on dark cells.
+OUTLINED: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
+
 _STYLE: list[str | dict[str, Any]] = [
     "default",  # not the user's own matplotlibrc
     {"font.family": "DejaVu Sans", "font.size": 7, "axes.titlesize": 8, "axes.labelsize": 7, "legend.fontsize": 7}

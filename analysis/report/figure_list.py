@@ -1,7 +1,7 @@
 """Which pictures a run, its studies and a sweep give, with the words below them; how they become files."""
 
 import contextlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,28 +10,34 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis.figures.ablations import curves, final_values
+from analysis.figures.ablations import forest as arms_forest
 from analysis.figures.by_generation import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.studies import confusion_matrices, seed_boxes
+from analysis.figures.studies import confusion_matrices, forest, seed_boxes
 from analysis.figures.style import render
 from analysis.report.collection import Collection
 from analysis.report.outputs import Say, left_out, outputs, unsaid
 from analysis.report.sweep_collection import SweepCollection
-from analysis.rounding import p_in_words
+from analysis.rounding import p_in_words, shown
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches, reachable_prompt_niches
+from analysis.statistics.effects import LEVEL
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
+from analysis.studies.reestimates import Reestimates, medians_by_id
+from analysis.sweeps.ablation import Ablation
+from analysis.table import Percent
 from analysis.tables.ablation import common_note, temperature_notes
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.parts.registry import Part
 from tacevo.records import Kind
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy
+from tacevo.results.sweep import ALPHA
 from tacevo.storage.files import write_durably
-from tacevo.text import listed
+from tacevo.text import counted, listed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,7 +108,8 @@ def with_others(own: Iterable[Picture], brought: Iterable[tuple[Part, Picture]],
 def pictures_of(collection: Collection) -> tuple[Picture, ...]:
     """List every figure of ours of a run and its studies; the names of a study's figures begin with its own."""
     of_outputs = (picture for _, picture in outputs(ours=True).figures(collection, unsaid))
-    pictures = [*run_pictures(collection.run, collection.niches), *of_outputs]
+    own = run_pictures(collection.run, collection.niches, collection.reestimates, variants_of(collection))
+    pictures = [*own, *of_outputs]
     for compared in collection.studies:
         of_study = study_pictures(compared.study, compared.comparisons)
         pictures += [replace(picture, name=f"{compared.name}/{picture.name}") for picture in of_study]
@@ -112,7 +119,8 @@ def pictures_of(collection: Collection) -> tuple[Picture, ...]:
 def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     """List the figures of a sweep."""
     note = " ".join([common_note(collected.niches_of), *temperature_notes(collected.sweep)])
-    reference = collected.ablation.reference
+    ablation = collected.ablation
+    reference = ablation.reference
     dotted = "" if reference is None else f", the dotted line is the median of {reference}"
     return (
         Picture(
@@ -125,11 +133,34 @@ def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
             caption=f"The arms at the end: points are seeds, boxes quartiles, whiskers all seeds{dotted}. {note}",
             draw=partial(final_values, collected.ablation),
         ),
+        *([] if reference is None or len(ablation.names) < 2 else [_arms_forest(ablation)]),
     )
 
 
-def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
-    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
+def _arms_forest(ablation: Ablation) -> Picture:
+    words = (
+        f"What each arm differs from {ablation.reference} by, in {ablation.first.value}: the difference of medians "
+        f"over seeds, with its {100 * LEVEL:g} % interval; filled where p after Holm is at most {ALPHA:g}."
+    )
+    return Picture(name="ablation_forest", caption=words, draw=partial(arms_forest, ablation))
+
+
+def variants_of(collection: Collection) -> dict[str, str]:
+    """Return what studies call candidates, by id, where all of them call one alike: `g12s05 (variant 1)`."""
+    called: dict[str, set[str]] = {}
+    for compared in collection.studies:
+        for network in compared.study.networks:
+            called.setdefault(network.id, set()).add(network.whole_name)
+    return {name: names.pop() for name, names in called.items() if len(names) == 1}
+
+
+def run_pictures(
+    run: RecordedRun, niches: Niches, reestimates: Sequence[Reestimates] = (), names: Mapping[str, str] | None = None
+) -> tuple[Picture, ...]:
+    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network.
+
+    `names` are those of candidates that studies name, as of `variants_of`.
+    """
     has_prompts = run.has_prompts
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
@@ -138,13 +169,23 @@ def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
     def add(name: str, words: str, draw: Callable[[], Figure]) -> None:
         pictures.append(Picture(name=name, caption=f"{words} ({run.name}).", draw=draw))
 
+    again = medians_by_id(reestimates)
     words = "Best and median fitness of the network archive after each generation, and the median of its new candidates"
-    add("fitness", words, partial(fitness_evolution, run, archive_medians(run, niches.networks)))
-    words = "First answers that were trained, and what became of the others"
-    add("trainable", words, partial(trainable, progress(run)))
-    words = (
-        "Coverage of both archives, that of prompts among the niches that could be reached; QD-score of the networks"
-    )
+    words += ", beside the baseline"
+    if again:
+        words += "; diamonds are medians of other training seeds, each joined to the fitness on record"
+    add("fitness", words, partial(fitness_evolution, run, archive_medians(run, niches.networks), again))
+    if not _all_trained(run):
+        words = "First answers that were trained, and what became of the others"
+        add("trainable", words, partial(trainable, progress(run)))
+    words = "Coverage of the network archive, and its QD-score"
+    if reached:
+        covered = run.generations[-1].prompt_coverage
+        words = (
+            f"Coverage of both archives, and QD-score of the networks. Prompts: of the {len(reached)} niches that the "
+            f"temperature rule could reach; of all {len(niches.prompts)}, as tables count them, "
+            f"{shown(Percent(covered))} are held at the end"
+        )
     add("archive_growth", words, partial(growth, run, len(niches.prompts), len(reached)))
     add(
         "temperature",
@@ -158,7 +199,7 @@ def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
         words = (
             f"The prompt archive over instruction and temperature{run.carried}" if run.carried else "The prompt archive"
         )
-        words += f"; each cell is a niche{unsent}"
+        words += f", a row for each instruction, cut into niches{unsent}"
         if len(reached) < len(niches.prompts):
             words += (
                 ". No search could reach the shaded ones, because the temperature rule leads to no temperature in them"
@@ -172,13 +213,17 @@ def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
         words = f"The ancestors of {first}, the best network"
         add("lineage", words, partial(lineage, find_lineage(run, first)))
         words = "Short training of the baseline and the best networks"
-        add("training_curves", words, partial(training_curves, [run.baseline, *run.best()]))
+        add("training_curves", words, partial(training_curves, [run.baseline, *run.best()], names))
     return tuple(pictures)
 
 
 def undrawn(run: RecordedRun) -> tuple[str, ...]:
     """List the figures that a run cannot have, with the reason, a sentence each."""
     said = []
+    if _all_trained(run):
+        said.append(
+            f"no trainable: all {counted(len(run.answered), 'first answer')} were trained, so all bars are whole"
+        )
     if not run.has_niches:
         said.append("no network_map: archive.kind=best keeps the best of all networks, and has no niches to draw")
     elif not _has_map(run):
@@ -189,6 +234,12 @@ def undrawn(run: RecordedRun) -> tuple[str, ...]:
     return tuple(said)
 
 
+def _all_trained(run: RecordedRun) -> bool:
+    """Answer whether no first answer was rejected or skipped."""
+    rest = [line for line in run.candidates if line.stage is not None or line.skipped or line.repairs]
+    return len(run.candidates) > 0 and not rest
+
+
 def _has_map(run: RecordedRun) -> bool:
     return run.has_niches and len(run.config.archive.axes) == 2
 
@@ -196,8 +247,7 @@ def _has_map(run: RecordedRun) -> bool:
 def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tuple[Picture, ...]:
     """List the figures of a study; without comparisons its boxes have no verdicts."""
     verdicts = {
-        one.network: f"{one.verdict}\nHolm's p\n{p_in_words(deciding_p(one))}"  # in lines, since boxes stand close
-        for one in of_whole(comparisons).itertuples()
+        one.network: f"{one.verdict}\np {p_in_words(deciding_p(one))}" for one in of_whole(comparisons).itertuples()
     }
     equal = ", and of an equivalent network that of the test of equivalence"
     ending = f"; p is Holm's{equal if Verdict.equivalent in set(of_whole(comparisons).verdict) else ''}."
@@ -207,7 +257,15 @@ def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tu
         f"Test results of {study.seeds} training seeds of each network ({data}). Points are seeds, boxes "
         f"quartiles, the dotted line is the baseline's median{ending}"
     )
-    pictures = [Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts))]
+    pictures = [
+        Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts, "verdict\np after Holm"))
+    ]
+    if verdicts:
+        words = (
+            f"What each network differs from the baseline by ({data}): the difference of medians over {study.seeds} "
+            f"training seeds, with its {100 * LEVEL:g} % interval; the band is the margin of equivalence{ending}"
+        )
+        pictures.append(Picture(name="forest", caption=words, draw=partial(forest, study, of_whole(comparisons))))
     if study.kind is Kind.classification:
         words = (
             "Test images of each network by true and predicted class: counts, and below them per cent of the true "

@@ -24,7 +24,7 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.text import counted
+from tacevo.text import counted, plain
 
 #: Seconds between two looks at the files.
 EVERY = 3.0
@@ -148,7 +148,7 @@ class Followed:
             is_finished = (run.path / "run.json").exists() and finished_digest(run) is not None
             shown, material = self._collected(run, is_finished=is_finished), None
             if shown is not None:
-                remarks = [*read_note(run.path), *shown.run.on_sampling, *shown.left_out, *shown.remarks]
+                remarks = [*map(plain, read_note(run.path)), *shown.run.on_sampling, *shown.left_out, *shown.remarks]
                 texts, edited = read_texts(shown.run)
                 tables = tables_of(shown, None)
                 material = RunMaterial(collection=shown, texts=texts, edited=edited, tables=tables, remarks=remarks)

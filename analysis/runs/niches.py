@@ -156,3 +156,34 @@ def reachable_prompt_niches(run: RecordedRun, centroids: NDArray[np.float64]) ->
         for temperature in reachable_temperatures(run)
     ]
     return frozenset(Tessellation(centroids).niches_of(points))
+
+
+def prompt_rows(centroids: NDArray[np.float64], prompts: int) -> tuple[tuple[tuple[int, float, float], ...], ...]:
+    """Cut the temperatures of each instruction, [0, 1], into the niches that hold them.
+
+    An instruction is a number on the first axis of the prompt archive, and between two of them there is nothing: so the
+    archive is these rows, and its cells are wider than what they can hold.
+
+    Args:
+        centroids: those of the prompt archive, shape (niches, 2), in [0, 1].
+        prompts: the number of instructions.
+
+    Returns:
+        Of each instruction (niche, lowest temperature, highest temperature), rising in the temperature.
+    """
+    return tuple(_cut_at(centroids, prompt_point(prompt, 0.0, prompts=prompts)[0]) for prompt in range(prompts))
+
+
+def _cut_at(centroids: NDArray[np.float64], across: float) -> tuple[tuple[int, float, float], ...]:
+    """Cut the line of one first coordinate where it leaves the cell of one centroid for that of another."""
+    offsets = ((centroids[:, 0] - across) ** 2) + centroids[:, 1] ** 2
+    cut = []
+    for niche, (offset, height) in enumerate(zip(offsets, centroids[:, 1], strict=True)):
+        # The square distances of two centroids to the point (across, t) differ by a linear function of t.
+        slopes, rises = 2 * (centroids[:, 1] - height), offsets - offset
+        below, above = rises[slopes > 0] / slopes[slopes > 0], rises[slopes < 0] / slopes[slopes < 0]
+        low, high = max([0.0, *above]), min([1.0, *below])
+        nearer = (rises < 0) | ((rises == 0) & (np.arange(len(centroids)) < niche))  # of equals the first one counts
+        if low < high and not (nearer & (slopes == 0)).any():
+            cut.append((niche, float(low), float(high)))
+    return tuple(sorted(cut, key=lambda piece: piece[1]))

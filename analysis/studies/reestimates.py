@@ -109,6 +109,14 @@ def losses_by_source(reestimates: Sequence[Reestimates]) -> dict[str, tuple[floa
     return losses
 
 
+def medians_by_id(reestimates: Sequence[Reestimates]) -> dict[str, float]:
+    """Return the median re-estimate of each candidate that was trained again, and of the baseline, by id."""
+    medians: dict[str, float] = {}
+    for one in reversed(by_seeds(reestimates)):
+        medians |= {network.id: median for network, median in zip(one.networks, one.medians, strict=True)}
+    return medians
+
+
 def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: str, store: Path) -> Reestimates | None:
     """Read what a finished study or noise run says of its run's fitnesses.
 

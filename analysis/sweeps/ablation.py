@@ -104,6 +104,11 @@ class Ablation:
         return list(next(iter(self.arms.values())).index)
 
     @property
+    def first(self) -> Metric:
+        """The metric in which arms are shown first: the stated one, or the best fitness where none is known."""
+        return self.primary if self.primary is not None and self.primary in self.arms else Metric.best_fitness
+
+    @property
     def unequal_twins(self) -> list[tuple[str, str]]:
         """Pairs of runs, by their jobs, that must be one search, by their arms' settings and their seed, and differ.
 

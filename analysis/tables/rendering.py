@@ -88,6 +88,14 @@ def as_markdown(table: Table) -> str:
     return "\n\n".join([f"**{in_markdown(table.caption)}**", body, *map(in_markdown, table.notes)]) + "\n"
 
 
+def as_text(table: Table) -> str:
+    """Write a table for a log: caption, aligned columns and notes, without the marks of Markdown."""
+    header, *rows = ([on_a_line(shown(cell)) for cell in line] for line in (table.columns, *table.rows))
+    right = [place for place, number in enumerate(numeric_columns(table)) if number]
+    caption, *notes = map(on_a_line, (table.caption, *table.notes))
+    return "\n\n".join([caption, markdown(header, rows, right=right), *notes]) + "\n"
+
+
 def _in_cell(cell: Cell) -> str:
     """Write a cell for Markdown; a number, such as `0.8 [0.6, 0.9]`, means nothing else there."""
     return in_markdown(cell) if isinstance(cell, str) else shown(cell)

@@ -1,6 +1,6 @@
 """Draw how a search works: what is done with a candidate, and the file in which it is recorded.
 
-    python docs/site/loop.py docs/figures/loop.svg
+python docs/site/loop.py docs/figures/loop.svg
 """
 
 import sys
@@ -36,11 +36,11 @@ def loop() -> Figure:
     axes.set(xlim=(-0.15, 4 * _STEP - 0.1), ylim=(-0.05, 3.0))
     axes.axis("off")
     for place, step in enumerate(STEPS):
-        _box(axes, place * _STEP, 1.35, *step)
+        _box(axes, (place * _STEP, 1.35), step)
         if place:
             _arrow(axes, ((place - 1) * _STEP + _WIDTH, 1.85), (place * _STEP, 1.85))
     for place, step in enumerate(AFTER):
-        _box(axes, (3 - place) * _STEP, 0.0, *step)
+        _box(axes, ((3 - place) * _STEP, 0.0), step)
     _arrow(axes, (3 * _STEP + _WIDTH / 2, 1.35), (3 * _STEP + _WIDTH / 2, _HEIGHT))
     _arrow(axes, (3 * _STEP, 0.5), (2 * _STEP + _WIDTH, 0.5))
     _arrow(axes, (3 * _STEP + _WIDTH / 2, 2.35), (_WIDTH / 2, 2.35), "arc,angleA=90,angleB=90,armA=40,armB=40,rad=8")
@@ -48,7 +48,8 @@ def loop() -> Figure:
     return figure
 
 
-def _box(axes: Axes, left: float, bottom: float, title: str, text: str, file: str, colour: str) -> None:
+def _box(axes: Axes, corner: tuple[float, float], step: tuple[str, str, str, str]) -> None:
+    (left, bottom), (title, text, file, colour) = corner, step
     shape = FancyBboxPatch(
         (left, bottom), _WIDTH, _HEIGHT, boxstyle="round,pad=0,rounding_size=0.08", fc="white", ec=colour, lw=1.2
     )

@@ -15,6 +15,7 @@ from tacevo.bundles.open import Opened
 from tacevo.errors import ConfigError, DataError, IncomparableError
 from tacevo.parts.registry import needing_parts
 from tacevo.storage.notes import read_note
+from tacevo.text import plain
 
 
 def page_of(one: Run | Sweep, name: str, say: Callable[[str], object]) -> tuple[PageContents, list[str]]:
@@ -62,7 +63,7 @@ def _material(run: Run, place: Opened, name: str) -> tuple[RunMaterial, list[str
     for path, word in ((str(place.folder), name), (str(run.recorded.stores), "its stores")):
         if "/" in path:  # else it names no place beyond the directory that the command was given in
             remarks = [remark.replace(path, word) for remark in remarks]
-    notes = [words for folder in dict.fromkeys((place.folder, run.path)) for words in read_note(folder)]
+    notes = [plain(words) for folder in dict.fromkeys((place.folder, run.path)) for words in read_note(folder)]
     texts, edited = read_texts(run.recorded)
     material = RunMaterial(
         collection=run.collection,

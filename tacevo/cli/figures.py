@@ -15,7 +15,7 @@ from analysis.report.sweep_collection import SweepCollection
 from analysis.report.writing import left_of_studies, write_tables
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, median_confidence
-from analysis.sweeps.arm_metrics import TESTED, Metric
+from analysis.sweeps.arm_metrics import TESTED
 from analysis.table import Percent, Table
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
@@ -103,9 +103,8 @@ def run_ablations(name: str, place: Path, reference: str | None, store: str | No
     with progress_of("figures", len(pictures)) as on_drawn:
         write_pictures(pictures, directory, [".pdf"], on_drawn, undrawn_ones.append)
     say(dict.fromkeys([*missing, *undrawn_ones]))
-    stated = collected.ablation.primary
-    first = stated if stated in collected.ablation.arms and stated is not None else Metric.best_fitness
-    print_table(_in_short(next(table for table in tables if table.name == f"ablation_{first.name}")), Console())
+    first = f"ablation_{collected.ablation.first.name}"
+    print_table(_in_short(next(table for table in tables if table.name == first)), Console())
     remarks = sweep.left_out
     say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
     if collected.ablation.primary in TESTED and collected.sweep.terms.retraining is None:

@@ -50,6 +50,6 @@ def run_publish(
     tell(f"author: {listed(terms.authors, 'anonymous (--author NAME says who)')}")
     if done.test_labels:
         tell(f"the labels of {counted(done.test_labels, 'test image')} are in it")
-    tell(f"{done.subject.what}: {done.subject.digest}")
-    tell(f"bundle digest: {done.digest}")
+    tell(f"bundle digest: {done.digest} (of all its files; the one to cite, of the {done.subject.what}, stands last)")
+    tell(f"digest: {done.subject.digest}")
     return DONE

@@ -117,7 +117,8 @@ def _told(origin: Opened, done: Verified) -> list[str]:
             "classification, accuracy and macro-F1 follow from the confusion; other metrics were not computed again"
         )
     if done.entries is not None:
-        told += [f"all {done.entries} store entries were needed", f"bundle digest: {origin.digest}"]
+        told.append(f"all {done.entries} store entries were needed")
+        told.append(f"bundle digest: {origin.digest} (of all its files; the one to cite stands last)")
     return told
 
 

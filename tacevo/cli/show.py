@@ -7,7 +7,7 @@ from pathlib import Path
 from textwrap import fill
 
 from analysis.report.collection import outcomes, read_studies
-from analysis.tables.rendering import as_markdown
+from analysis.tables.rendering import as_text
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DONE, tell, tell_markdown
 from tacevo.config.recorded_parts import own_axes
@@ -28,7 +28,7 @@ from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.status import describe_jobs, status_of
 from tacevo.sweeps.terms import describe_terms
-from tacevo.text import in_markdown, printable, table
+from tacevo.text import on_a_line, plain, printable, table
 
 
 def run_show(run: str, candidate: str | None, *, only_source: bool) -> int:
@@ -95,12 +95,18 @@ def show_run(path: Path, store: Path | None = None) -> str:
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
     paragraphs = read_note(path)
     note = "\n\n".join([HEADING, *(_quoted(words) for words in paragraphs), ""]) if paragraphs else ""
-    return f"{summarise(known)}\n{_studied(known) if finished else ''}{note}{state}\n"
+    return f"{_on_screen(summarise(known))}\n{_studied(known) if finished else ''}{note}{state}\n"
+
+
+def _on_screen(summary: str) -> str:
+    """Return summary.md without the marks of Markdown, but for its headings and tables, which are read as they are."""
+    lines = summary.split("\n")
+    return "\n".join(line if line.startswith(("#", "|")) else on_a_line(plain(line)) for line in lines)
 
 
 def _quoted(paragraph: str) -> str:
     """Write a paragraph of a note as a quotation, which no line of the summary is."""
-    return fill(printable(paragraph), 110, initial_indent="> ", subsequent_indent="> ")
+    return fill(printable(plain(paragraph)), 110, initial_indent="> ", subsequent_indent="> ")
 
 
 def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
@@ -118,7 +124,7 @@ def _studied(run: RecordedRun) -> str:
     if not studies_of(run.path):
         return ""
     studies = read_studies(run)
-    parts = [f"## {in_markdown(name)}\n\n{as_markdown(table)}" for name, table in outcomes(run, studies).items()]
+    parts = [f"## {on_a_line(name)}\n\n{as_text(table)}" for name, table in outcomes(run, studies).items()]
     return "".join(
         f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in studies.left_out + studies.remarks)]
     )

@@ -17,7 +17,7 @@ from analysis.report.outputs import outputs
 from analysis.report.writing import for_paper, left_of_studies, place_of, write_tables
 from analysis.rounding import shown
 from analysis.table import Table
-from analysis.tables.rendering import WRITERS, Notes, Shown, as_latex, as_markdown, numeric_columns
+from analysis.tables.rendering import WRITERS, Notes, Shown, as_latex, as_markdown, as_text, numeric_columns
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
@@ -131,9 +131,9 @@ def status_of(one: Run | Sweep) -> int:
 
 
 def print_table(table: Table, console: Console) -> None:
-    """Print one table with its notes: for a person on a terminal, else as Markdown."""
+    """Print one table with its notes: as wide as a terminal, else as it is."""
     if not console.is_terminal:
-        tell(as_markdown(table))
+        tell(as_text(table))
         return
     grid = Grid(title=Text(printable(table.caption)), title_justify="left", box=None, pad_edge=False)
     cells = [[printable(shown(cell)) for cell in row] for row in table.rows]

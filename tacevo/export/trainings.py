@@ -244,7 +244,7 @@ def train(
         count = EpochCount(view, epochs * (len(plan.seeds) + len(before)), pace)
         bench.on_epoch = count.told
         for one in bench.executor.map(
-            lambda seed: _train(bench, (known, fresh), plan, source, seed, count), plan.seeds
+            lambda seed: _train(bench, (known, fresh), plan, source, seed, count=count), plan.seeds
         ):
             view.say(
                 f"trained ({len(trained) + 1} of {len(plan.seeds)}); the weights are those after epoch {one.epoch}"

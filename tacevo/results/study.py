@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from tacevo.errors import RunError
 from tacevo.records import Kind, to_json
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory
-from tacevo.results.study_lines import Design, FailedLine, ScoreLine, StudyTerms
+from tacevo.results.study_lines import BASELINE, Design, FailedLine, ScoreLine, StudyTerms
 from tacevo.storage.canonical import content_hash
 from tacevo.text import listed
 from tacevo.training.metrics import contradiction
-
-BASELINE = "baseline"
 
 #: Rows that a message names.
 MOST = 6

@@ -81,6 +81,13 @@ class StudyDirectory:
         return self.path / "scores.jsonl"
 
     @property
+    def is_finished(self) -> bool:
+        """True where it has scores and a digest; whether these suit each other is not asked."""
+        with contextlib.suppress(RunError):
+            return self.scores.exists() and self.read().digest is not None
+        return False
+
+    @property
     def is_busy(self) -> bool:
         """True while a process is at work on the study."""
         return is_in_use(self.path)

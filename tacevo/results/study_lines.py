@@ -24,6 +24,9 @@ from tacevo.typed import FreeJson
 #: Layout of both files.
 SCHEMA: Final = 2
 
+#: The name of the first network.
+BASELINE: Final = "baseline"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyTerms(Record):
@@ -47,6 +50,11 @@ class StudyNetwork(Record):
     fitness: float
     parameters: int
     flops: int
+
+    @property
+    def whole_name(self) -> str:
+        """The candidate, and what the study calls it: `g12s05 (variant 1)`; the baseline has one name."""
+        return self.name if self.name == BASELINE else f"{self.id} ({self.name})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

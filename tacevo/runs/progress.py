@@ -24,6 +24,9 @@ from tacevo.text import lasting, unbroken
 #: Seconds from which on a search says how long it takes.
 LONG = 600.0
 
+#: What is said of a run or a study that the same command finished before.
+FINISHED_BEFORE = "finished before; nothing to do"
+
 #: Seconds without a line after which a log gets one: so many at first, then a part of the time that the work took, but
 #: not more than the last; so a log of a day has a line a minute.
 SILENCE, _PART, _LONGEST = 5.0, 1 / 40, 60.0
@@ -229,9 +232,16 @@ class Watcher:
             self._done += 1
             self._view.advance("candidates", self._done, self._total, reached)
         else:
-            repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
-            skipped = "" if line.skipped is None else f", {line.skipped} skipped"
-            trained = f": {line.trained} of {line.candidates} candidates {self._did}{repaired}{skipped}"
-            did = " replayed:" if self._is_replay else f"{trained},"
-            done = f"{self._done} of {self._most} candidates done{self._left()}"
-            self._view.say(f"generation {line.generation}{did} {reached} ({done})")
+            self.tell(line, reached)
+
+    def tell(self, line: GenerationLine, reached: str) -> None:
+        """Write the line of a generation; `reached` is what the search has come to."""
+        repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
+        skipped = "" if line.skipped is None else f", {line.skipped} skipped"
+        trained = f": {line.trained} of {line.candidates} candidates {self._did}{repaired}{skipped}"
+        did = " replayed:" if self._is_replay else f"{trained},"
+        self.say(f"generation {line.generation}{did} {reached}")
+
+    def say(self, text: str) -> None:
+        """Write a line, with how far the search is."""
+        self._view.say(f"{text} ({self._done} of {self._most} candidates done{self._left()})")

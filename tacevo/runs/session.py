@@ -37,7 +37,7 @@ from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.given_networks import admitted_networks
 from tacevo.runs.local import crowded, trainings_at_once
-from tacevo.runs.progress import Progress, Watcher
+from tacevo.runs.progress import FINISHED_BEFORE, Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.wiring import Workbench, build_plan, check_means, skipping_of, started_ahead, stores_of
@@ -166,12 +166,13 @@ def _record(
         _begin(directory, config, task, facts, trivial)
         for name, sources in parts.sources.items():
             directory.keep_part(name, sources)
-        view.say(f"run: {directory.path} ({_stage(ledger)})")
+        was_finished = directory.read_run().digest == ledger.recorded_digest
+        view.say(f"run: {directory.path} ({_stage(ledger, was_finished=was_finished)})")
         view.say(f"candidates: {_planned(plan, task)}")
         view.say(f"trivial loss: {significant(trivial)}, that of the best constant answer")
         if warning := name_warning(config.llm):
             view.say(f"warning: {warning}")
-        with mirrored(config, directory, view):
+        with mirrored(config, directory, view, has_news=lambda: ledger.has_grown or not was_finished):
             usable, confinement = UsableAnswers(config.search.stop_after_unusable), ConfinementLog(directory)
             observer = _Recorder(
                 directory,
@@ -184,6 +185,7 @@ def _record(
                 at_once=trainings_at_once(config) if config.executor.is_here else config.executor.workers,
                 saving=partial(_saved, config, len(data.train)),
                 elsewhere=asks_elsewhere(config.llm),
+                was_finished=was_finished,
             )
             with Workbench(
                 config,
@@ -199,6 +201,8 @@ def _record(
             ) as bench:
                 state = run_under(CURRENT, plan, bench.effects, ledger, observer)
             _check_length(ledger, directory)
+            if was_finished and not ledger.has_grown:
+                view.say(FINISHED_BEFORE)
             elites = archive_files(plan, state)[0].elites
             summary, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
@@ -309,8 +313,10 @@ def _planned(plan: Plan, task: Task) -> str:
     return f"{first}, then {counted(plan.generations, 'generation')} of {plan.settings.candidates}{most}"
 
 
-def _stage(ledger: Ledger) -> str:
-    return "new" if ledger.recorded == 0 else f"resumed after {ledger.recorded} ledger lines"
+def _stage(ledger: Ledger, *, was_finished: bool) -> str:
+    if ledger.recorded == 0:
+        return "new"
+    return f"{'finished' if was_finished else 'resumed'} after {ledger.recorded} ledger lines"
 
 
 def _check_length(ledger: Ledger, directory: RunDirectory) -> None:
@@ -337,15 +343,23 @@ def _finish(
 
 
 @contextlib.contextmanager
-def mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iterator[None]:
-    """Let a mirror follow a run, where one is wanted; it cannot stop what is done meanwhile."""
+def mirrored(
+    config: RunConfig, directory: RunDirectory, view: Progress, has_news: Callable[[], bool] = lambda: True
+) -> Iterator[None]:
+    """Let a mirror follow a run, where one is wanted; it cannot stop what is done meanwhile.
+
+    Without news, where all was finished before, nobody waits for it: what it lacks it writes by itself.
+    """
     mirror = _tracker_of(config, view).mirror([directory.path])
     finished = False
     try:
         yield
         finished = True
     finally:
-        _wait_for([(mirror, config)] if mirror else [], view, finished=finished)
+        if mirror is not None and finished and not has_news():
+            mirror.finish(0.0)
+        else:
+            _wait_for([(mirror, config)] if mirror else [], view, finished=finished)
 
 
 def _tracker_of(config: RunConfig, view: Progress) -> Tracker:
@@ -435,8 +449,11 @@ class _Recorder(Watcher):
         at_once: int,
         saving: Callable[[], float],
         elsewhere: bool,
+        was_finished: bool,
     ) -> None:
         super().__init__(plan, view, trivial, did=did, at_once=at_once, saving=saving)
+        #: Whether what stood here before was a finished run, of which nothing is told again.
+        self._was_finished = was_finished
         self._usable = usable
         self._directory = directory
         self._ledger = ledger
@@ -478,5 +495,12 @@ class _Recorder(Watcher):
         if (warning := self._usable.close(line.generation)) is not None:
             self._view.say(warning)
         # Lines that stood here before do not stop a search: whoever repeats the command wants it to go on.
-        if self._ledger.committed > self._ledger.recorded and not state.is_past(self._plan):
+        if self._ledger.has_grown and not state.is_past(self._plan):
             self._usable.check()
+
+    def tell(self, line: GenerationLine, reached: str) -> None:
+        """Write the line of a generation; one that stood here before was not trained now, and says so."""
+        if self._ledger.has_grown:
+            super().tell(line, reached)
+        elif not self._was_finished:
+            self.say(f"generation {line.generation} as recorded: {reached}")

@@ -97,6 +97,16 @@ class Ledger:
         """The number of lines that stood here before."""
         return len(self._recorded.lines)
 
+    @property
+    def recorded_digest(self) -> str:
+        """The hash of the last line that stood here before; `GENESIS` where none did."""
+        return self._recorded.hashes[-1] if self._recorded.hashes else GENESIS
+
+    @property
+    def has_grown(self) -> bool:
+        """Whether a line was appended in this session."""
+        return self.committed > self.recorded
+
     def commit(self, line: object) -> None:
         """Append a line, a record, or compare it with the one that stands in its place.
 

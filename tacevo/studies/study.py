@@ -54,7 +54,7 @@ from tacevo.results.study_lines import (
 from tacevo.rules import CURRENT, EAGER, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.local import crowded
-from tacevo.runs.progress import Progress
+from tacevo.runs.progress import FINISHED_BEFORE, Progress
 from tacevo.runs.seeds import noise_seed
 from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_under, trained_by
@@ -224,6 +224,7 @@ def train_and_record(
     remove_leftovers_in_stores(Path(run.store.root))
     directory = find_study(job.run.directory.path, job.header, searched=bool(job.run.answered))
     units = units_of(catalogue) if data.scale and catalogue is not None else ()
+    was_finished = directory.is_finished
     directory.begin(job.header, scale=data.scale, units=units, versions=versions(), machine=machine())
     workbench = Workbench(run, job.run.record.task, data.facts, Mode.record, data=data, say=view.say)
     with in_use(directory.path), workbench as bench:
@@ -232,7 +233,13 @@ def train_and_record(
         _introduce(directory, job, elites, len(recorded), view)
         with telling(lambda: any(evaluator.is_recorded(training.source, training.seed) for training in job.trainings)):
             verdicts = _train(job.trainings, recorded, evaluator, bench.executor, view)
-        later = contextlib.nullcontext() if mirror_later is not None else mirrored(run, job.run.directory, view)
+        has_news = not was_finished or len(recorded) < len(job.trainings)
+        if not has_news:
+            view.say(FINISHED_BEFORE)
+        if mirror_later is not None:
+            later: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
+        else:
+            later = mirrored(run, job.run.directory, view, has_news=lambda: has_news)
         with later:  # a mirror reads studies when this is done
             digest = directory.finish(job.header, _rows(job, evaluator, verdicts))
     if mirror_later is not None:

@@ -69,7 +69,9 @@ def test_same_command_again_trains_nothing_and_gives_the_same_digest(
     before, said = evaluations(copied), "this search made no call and cost nothing"
     for mode, free in (("record", False), ("replay", True)):
         assert main([*TINY, f"llm.mode={mode}"]) == 0
-        out = capsys.readouterr().out
+        out, progress = capsys.readouterr()
+        assert "finished before; nothing to do" in progress
+        assert "generation 0" not in progress  # nothing was trained
         assert out.splitlines()[-1] == f"digest: {whole_search[1]}"
         assert (said in out) == free
         assert sum(max(1, math.ceil(len(line) / 80)) for line in out.splitlines()) <= 25

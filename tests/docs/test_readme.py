@@ -13,6 +13,7 @@ from rich.console import Console
 
 import tacevo
 from analysis.report.collection import outcomes, read_studies
+from analysis.tables.rendering import as_text
 from tacevo.bundles.open import opened
 from tacevo.choices import Numerics
 from tacevo.cli.app import main
@@ -168,7 +169,7 @@ def test_readme_shows_what_the_demo_prints() -> None:
     assert f"elites={len(noise.record.networks) - 1} seeds={noise.record.seeds}" in (ROOT / "Makefile").read_text()
     assert section_of("Start").split("\n\n")[2].split("\n    ") == [
         f"    {out.getvalue().splitlines()[-1].replace(' replayed:', trained)}",
-        outcome.caption,
+        as_text(outcome).splitlines()[0],
         f"digest: {noise.record.digest}",
     ]
     assert noise.record.digest == DEMO.digest

@@ -12,6 +12,12 @@ function h(name, attributes, ...children) {
     return node;
 }
 
+// Cut a sentence into texts and what stands in backticks, which is code.
+const withCode = (sentence) =>
+    sentence.split("`").length % 2
+        ? sentence.split("`").map((part, at) => (at % 2 ? h("code", null, part) : part))
+        : [sentence];
+
 // As in the tables (analysis/rounding.py): three significant digits, and all digits before the point.
 function number(value) {
     if (value === null || value === undefined) return "–";
@@ -35,7 +41,10 @@ const carriedBy = (run) => {
     return carrier === undefined ? "" : ` (carried by ${carrier === "none" ? "nothing" : carrier})`;
 };
 
-const percent = (share) => (share === null ? "–" : d3.format(".1%")(share));
+// Per cent as in the tables: 57.0 %; on an axis without digits that are 0.
+const percent = (share) => (share === null || share === undefined ? "–" : `${d3.format(".1f")(100 * share)} %`);
+
+const tickPercent = (share) => `${d3.format(",~r")(100 * share)} %`;
 
 const counted = (count, noun) => `${number(count)} ${noun}${count === 1 ? "" : "s"}`;
 

@@ -142,7 +142,7 @@ function rejectedOf(one) {
     return h(
         "div",
         null,
-        h("h3", null, "The reason, and the rejected answer (as its file has it; `tacevo replay` checks it)"),
+        h("h3", null, ...withCode("The reason, and the rejected answer (as its file has it; `tacevo replay` checks it)")),
         h("pre", { tabindex: 0, "aria-label": `rejected answer of ${one.id}` }, one.rejected),
     );
 }

@@ -83,13 +83,29 @@ const wholeTicks = (scale) =>
         .filter(Number.isInteger)
         .map((tick) => [tick, String(tick)]);
 
-function legend(names, mark) {
-    const items = names.map((name, place) => h("li", null, mark(place), name));
-    return h("ul", { class: "legend" }, ...items);
+// entries: (name, mark)
+function legend(entries) {
+    return h("ul", { class: "legend" }, ...entries.map(([name, mark]) => h("li", null, mark, name)));
+}
+
+const smallDrawing = (width) =>
+    drawing("", 10, width).attr("aria-hidden", "true").attr("role", null).attr("class", "mark");
+
+function levelMark() {
+    const svg = smallDrawing(30);
+    svg.append("line").attr("class", "level").attr("x1", 1).attr("x2", 29).attr("y1", 5).attr("y2", 5);
+    return svg.node();
+}
+
+function diamondMark() {
+    const svg = smallDrawing(12);
+    const group = svg.append("g").attr("class", "estimate").attr("transform", "translate(6,5)");
+    group.append("path").attr("d", d3.symbol(d3.symbolDiamond, 30)());
+    return svg.node();
 }
 
 function lineMark(place) {
-    const svg = drawing("", 10, 30).attr("aria-hidden", "true").attr("role", null).attr("class", "mark");
+    const svg = smallDrawing(30);
     const line = svg
         .append("line")
         .attr("class", `line ${colourClass(place)}`)
@@ -100,18 +116,43 @@ function lineMark(place) {
 
 // Draw lines over generations, below each other in a legend; a value of null leaves a gap.
 // series: {name, values: one a generation, low and high: ends of a band}
-function lineChart({ caption, yName, series, format = number, scaleOf, xName = "generation", from = 0 }) {
-    const values = series
-        .flatMap((one) => [one.values, one.low ?? [], one.high ?? []].flat())
-        .filter((value) => value !== null);
+// levels: {name, value}, level lines; marks: {name, at, from, to}, a diamond at `to`, joined with `from`
+function lineChart({
+    caption,
+    yName,
+    series,
+    format = number,
+    tickFormat = shortly,
+    scaleOf,
+    xName = "generation",
+    from = 0,
+    levels = [],
+    marks = [],
+}) {
+    const values = [
+        ...series.flatMap((one) => [one.values, one.low ?? [], one.high ?? []].flat()),
+        ...levels.map((one) => one.value),
+        ...marks.flatMap((one) => [one.from, one.to]),
+    ].filter((value) => value !== null);
     if (values.length === 0) return h("figure", null, h("figcaption", null, caption), h("p", null, "No values."));
     const length = d3.max(series, (one) => one.values.length);
     const x = d3.scaleLinear([from, Math.max(from + length - 1, from + 1)], [INSET.left, WIDTH - INSET.right]);
     const y = (scaleOf ?? scaleFromZero)(values, [HEIGHT - INSET.bottom, INSET.top]);
-    const svg = drawing(
-        `${caption} ${series.map((one) => `${one.name}: ${format(one.values.at(-1))} at the end`).join("; ")}`,
-    );
-    frame(svg, x, y, { xName, yName, xTicks: wholeTicks(x), yTicks: ticksOf(y, 5, shortly) });
+    const told = [
+        ...series.map((one) => `${one.name}: ${format(one.values.at(-1))} at the end`),
+        ...levels.map((one) => `${one.name}: ${format(one.value)}`),
+        ...marks.map((one) => `${one.name}: ${format(one.from)} on record, ${format(one.to)} re-estimated`),
+    ];
+    const svg = drawing(`${caption} ${told.join("; ")}`);
+    frame(svg, x, y, { xName, yName, xTicks: wholeTicks(x), yTicks: ticksOf(y, 5, tickFormat) });
+    for (const { value } of levels) {
+        svg.append("line")
+            .attr("class", "level")
+            .attr("x1", x(from))
+            .attr("x2", WIDTH - INSET.right)
+            .attr("y1", y(value))
+            .attr("y2", y(value));
+    }
     const isThere = (value) => value !== null;
     const places = d3.range(length);
     series.forEach((one, place) => {
@@ -142,6 +183,14 @@ function lineChart({ caption, yName, series, format = number, scaleOf, xName = "
                 .attr("cy", y(one.values[0]));
         }
     });
+    marks.forEach((one, place) => {
+        const same = marks.filter((other) => other.at === one.at);
+        const aside = 6 * (same.indexOf(one) - (same.length - 1) / 2); // beside each other within a generation
+        const group = svg.append("g").attr("class", "estimate").attr("transform", `translate(${x(one.at) + aside},0)`);
+        group.append("line").attr("y1", y(one.from)).attr("y2", y(one.to));
+        group.append("path").attr("transform", `translate(0,${y(one.to)})`).attr("d", d3.symbol(d3.symbolDiamond, 44)());
+        group.append("title").text(told[series.length + levels.length + place]);
+    });
     const readout = h("p", { class: "readout" }, "\u00a0");
     const cursor = svg
         .append("line")
@@ -162,15 +211,12 @@ function lineChart({ caption, yName, series, format = number, scaleOf, xName = "
         cursor.attr("visibility", "hidden");
         readout.textContent = "\u00a0";
     });
-    const names =
-        series.length > 1
-            ? [
-                  legend(
-                      series.map((one) => one.name),
-                      lineMark,
-                  ),
-              ]
-            : [];
+    const entries = [
+        ...series.map((one, place) => [one.name, lineMark(place)]),
+        ...levels.map((one) => [`${one.name} ${format(one.value)}`, levelMark()]),
+        ...(marks.length ? [["re-estimated with other seeds", diamondMark()]] : []),
+    ];
+    const names = entries.length > 1 ? [legend(entries)] : [];
     const valueOf = (one, at) => {
         const band = one.low && isThere(one.low[at]) ? ` (${format(one.low[at])} to ${format(one.high[at])})` : "";
         return `${format(one.values[at] ?? null)}${band}`;
@@ -183,7 +229,8 @@ function lineChart({ caption, yName, series, format = number, scaleOf, xName = "
         rows: places.map((at) => [String(from + at), ...series.map((one) => valueOf(one, at))]),
         notes: [],
     });
-    return h("figure", null, h("figcaption", null, caption), svg.node(), readout, ...names, numbers);
+    const estimates = marks.length ? [h("ul", { class: "words" }, ...told.slice(-marks.length).map((one) => h("li", null, one)))] : [];
+    return h("figure", null, h("figcaption", null, caption), svg.node(), readout, ...names, ...estimates, numbers);
 }
 
 // Draw what became of the answers of every generation as bars on each other.
@@ -210,19 +257,19 @@ function stackedBars({ caption, yName, names, rows }) {
         });
     });
     const square = (place) => {
-        const mark = drawing("", 10, 12).attr("aria-hidden", "true").attr("role", null).attr("class", "mark");
+        const mark = smallDrawing(12);
         mark.append("rect")
             .attr("class", `bar ${colourClass(place)}`)
             .attr("width", 10)
             .attr("height", 10);
         return mark.node();
     };
-    return h("figure", null, h("figcaption", null, caption), svg.node(), legend(names, square));
+    return h("figure", null, h("figcaption", null, caption), svg.node(), legend(names.map((name, place) => [name, square(place)])));
 }
 
 // Draw rows with points on one scale, a line from `low` to `high`, a tick at `middle`, and words at the end.
 // rows: {name, points, low, high, middle, words}
-function dotRows({ caption, xName, rows, format = shortly, scaleOf }) {
+function dotRows({ caption, xName, rows, format = shortly, say = number, scaleOf }) {
     const [left, step] = [182, 26];
     const height = rows.length * step + INSET.bottom + INSET.top;
     const values = rows.flatMap((row) =>
@@ -230,7 +277,7 @@ function dotRows({ caption, xName, rows, format = shortly, scaleOf }) {
     );
     if (values.length === 0) return h("figure", null, h("figcaption", null, caption), h("p", null, "No values."));
     const x = (scaleOf ?? scaleFromZero)(values, [left, WIDTH - INSET.right]);
-    const said = rows.map((row) => `${row.name}: ${row.words ?? number(row.middle)}`).join("; ");
+    const said = rows.map((row) => `${row.name}: ${row.words ?? say(row.middle)}`).join("; ");
     const svg = drawing(`${caption} ${said}`, height);
     const axes = svg.append("g").attr("class", "axes").attr("aria-hidden", "true");
     for (const [tick, text] of ticksOf(x, 5, format)) {
@@ -278,7 +325,7 @@ function dotRows({ caption, xName, rows, format = shortly, scaleOf }) {
                 .attr("cx", x(value))
                 .attr("cy", y + aside)
                 .attr("r", 2.6);
-            dot.append("title").text(`${row.name}: ${number(value)}`);
+            dot.append("title").text(`${row.name}: ${say(value)}`);
         });
         if (row.middle != null) {
             group

@@ -1,14 +1,26 @@
 // How the search went, generation by generation.
 
+// What a network that was trained again has on record, and with other seeds.
+function estimatesOf(run) {
+    return run.candidates
+        .filter((one) => one.id in run.again && one.fitness !== null)
+        .map((one) => ({ name: one.id, at: one.generation, from: one.fitness, to: run.again[one.id] }));
+}
+
 function drawDynamics() {
     const run = state.run;
     const lines = run.generations;
     const of = (name) => lines.map((line) => line[name]);
-    const ends = of("skipped").some(Boolean) ? ["trained", "skipped"] : ["trained"];
+    const baseline = run.candidates[0]?.fitness ?? null;
+    const estimates = estimatesOf(run);
+    const reach = run.prompt_niches - run.unreachable.length;
+    const hasPrompts = reach > 0;
+    const ofReach = of("prompt_coverage").map((share) => (share * run.prompt_niches) / reach);
     const figures = [
         lineChart({
-            caption:
-                "Fitness: the best and the median elite of the archive, and the median of the generation's own networks.",
+            caption: `Fitness: the best and the median elite of the archive, and the median of the generation's own networks${
+                estimates.length ? "; each diamond is joined to the record that it corrects" : ""
+            }.`,
             yName: "validation loss",
             scaleOf: lossScale,
             series: [
@@ -16,14 +28,21 @@ function drawDynamics() {
                 { name: "archive median", values: of("archive_median") },
                 { name: "generation median", values: of("generation_median") },
             ],
+            levels: baseline === null ? [] : [{ name: "baseline", value: baseline }],
+            marks: estimates,
         }),
         lineChart({
-            caption: "Coverage of both archives.",
+            caption: hasPrompts
+                ? `Coverage of both archives. Prompts: of the ${reach} niches that the temperature rule could reach; of all ${
+                      run.prompt_niches
+                  }, as tables count them, ${percent(of("prompt_coverage").at(-1))} are held at the end.`
+                : "Coverage of the network archive.",
             yName: "coverage",
             format: percent,
+            tickFormat: tickPercent,
             series: [
                 { name: "networks", values: of("coverage") },
-                { name: "prompts", values: of("prompt_coverage") },
+                ...(hasPrompts ? [{ name: "prompts, of those in reach", values: ofReach }] : []),
             ],
         }),
         lineChart({
@@ -31,18 +50,13 @@ function drawDynamics() {
             yName: "QD-score",
             series: [{ name: "QD-score", values: of("qd_score") }],
         }),
-        stackedBars({
-            caption: "First answers: trained, skipped where there is a surrogate, or the stage that rejected them.",
-            yName: "candidates",
-            names: [...ends, ...Object.keys(lines[0].rejected).map((stage) => `rejected at ${stage}`)],
-            rows: lines.map((line) => [...ends.map((name) => line[name] ?? 0), ...Object.values(line.rejected)]),
-        }),
+        answers(lines),
         lineChart({
             caption: `Temperature${carriedBy(run)} of each generation.`,
             yName: "temperature",
             series: [{ name: "T", values: of("temperature") }],
         }),
-        ...(run.prompt_cells.length ? [promptMap(run)] : []),
+        ...(hasPrompts ? [promptMap(run)] : []),
         yields(
             "Children of each instruction that entered the network archive, with 95 % intervals.",
             run.by_instruction,
@@ -57,6 +71,23 @@ function drawDynamics() {
         ...(of("usd").some(Boolean) ? [spending("Cost of each generation, in US dollars.", "USD", of("usd"))] : []),
     ];
     byId("dynamics-figures").replaceChildren(...figures);
+}
+
+// What became of first answers: bars of what there is, or a sentence where all were trained.
+function answers(lines) {
+    const stages = Object.keys(lines[0]?.rejected ?? {}).filter((stage) => lines.some((line) => line.rejected[stage]));
+    const isSkipping = lines.some((line) => line.skipped);
+    if (stages.length === 0 && !isSkipping) {
+        const all = counted(d3.sum(lines, (line) => line.trained), "candidate");
+        return h("figure", null, h("figcaption", null, `All ${all} were trained, the baseline among them: none was rejected.`));
+    }
+    const ends = isSkipping ? ["trained", "skipped"] : ["trained"];
+    return stackedBars({
+        caption: `First answers: ${ends.join(", ")}${stages.length ? ", or the stage that rejected them" : ""}.`,
+        yName: "candidates",
+        names: [...ends, ...stages.map((stage) => `rejected at ${stage}`)],
+        rows: lines.map((line) => [...ends.map((name) => line[name] ?? 0), ...stages.map((stage) => line.rejected[stage])]),
+    });
 }
 
 const spending = (caption, name, values) => lineChart({ caption, yName: name, series: [{ name, values }] });
@@ -74,58 +105,58 @@ function yields(caption, found) {
     return dotRows({ caption, xName: "inserted / tried", rows });
 }
 
-// The prompt archive over instruction and temperature; a cell without a child in the network archive is striped.
+// The prompt archive, a row for each instruction over the temperature, cut into the niches that it meets.
 function promptMap(run) {
     const caption = `The prompt archive over instruction and temperature${carriedBy(run)}, coloured by curiosity.`;
-    const x = d3.scaleLinear([0, 1], [INSET.left, WIDTH - INSET.right]);
-    const y = d3.scaleLinear([0, 1], [HEIGHT - INSET.bottom, INSET.top]);
-    const shape = (niche) => `M${run.prompt_cells[niche].map(([a, b]) => `${x(a)},${y(b)}`).join("L")}Z`;
-    const held = run.trials.length;
-    const svg = drawing(`${caption} ${held} of ${run.prompt_cells.length} niches are held.`);
-    const last = Math.max(run.instructions.length - 1, 1);
+    const [left, step] = [150, 18];
+    const height = INSET.top + step * run.prompt_rows.length + INSET.bottom;
+    const x = d3.scaleLinear([0, 1], [left, WIDTH - INSET.right]);
+    const y = (row) => INSET.top + step * row;
+    const trials = new Map(run.trials.map((trial) => [trial.niche, trial]));
     const beyond = new Set(run.unreachable);
-    run.prompt_cells.forEach((_, niche) => {
-        const cell = svg
-            .append("path")
-            .attr("d", shape(niche))
-            .attr("class", beyond.has(niche) ? "unreachable" : "empty");
-        cell.append("title").text(beyond.has(niche) ? "No trial could reach this niche." : "empty");
-    });
+    const svg = drawing(`${caption} ${trials.size} of ${run.prompt_niches} niches are held.`, height);
     const colour = d3.scaleSequential([0.5, 2], d3.interpolateCividis);
+    const wordsOf = (trial) =>
+        `${run.instructions[trial.prompt].id} at temperature ${number(trial.temperature)}: curiosity ${number(trial.curiosity)}, child ${trial.inserted ? "inserted" : "not inserted"}`;
+    run.prompt_rows.forEach((pieces, row) => {
+        svg.append("text")
+            .attr("x", left - 6)
+            .attr("y", y(row + 0.5))
+            .attr("dy", "0.32em")
+            .attr("text-anchor", "end")
+            .text(run.instructions[row].id.replaceAll("_", " "));
+        for (const [niche, low, high] of pieces) {
+            const trial = trials.get(niche);
+            const piece = svg
+                .append("rect")
+                .attr("class", trial ? "cell" : beyond.has(niche) ? "unreachable" : "empty")
+                .attr("x", x(low))
+                .attr("width", x(high) - x(low))
+                .attr("y", y(row) + 1)
+                .attr("height", step - 2);
+            if (trial) piece.attr("fill", colour(trial.curiosity));
+            const empty = beyond.has(niche) ? "No trial could reach this niche." : "empty";
+            piece.append("title").text(trial ? wordsOf(trial) : empty);
+        }
+    });
     for (const trial of run.trials) {
-        const words = `${trial.instruction} at temperature ${number(trial.temperature)}: curiosity ${number(trial.curiosity)}, child ${trial.inserted ? "inserted" : "not inserted"}`;
-        svg.append("path")
-            .attr("class", "cell")
-            .attr("d", shape(trial.niche))
-            .attr("fill", colour(trial.curiosity))
-            .append("title")
-            .text(words);
-        const [left, top] = [x(trial.prompt / last), y(trial.temperature)];
-        const kind = trial.inserted ? d3.symbolCircle : d3.symbolTimes;
         svg.append("path")
             .attr("class", trial.inserted ? "point" : "point is-cross")
-            .attr("transform", `translate(${left},${top})`)
-            .attr("d", d3.symbol(kind, 22)());
+            .attr("transform", `translate(${x(trial.temperature)},${y(trial.prompt + 0.5)})`)
+            .attr("d", d3.symbol(trial.inserted ? d3.symbolCircle : d3.symbolTimes, 22)());
     }
-    const toPrompt = (tick) => x(tick / last);
-    const xTicks = d3
-        .range(run.instructions.length)
-        .map((tick) => [tick, String(tick)])
-        .filter((_, at) => at % Math.ceil(last / 10) === 0);
-    frame(svg, toPrompt, y, {
-        xName: "instruction (index in the library)",
-        yName: "temperature",
-        xTicks,
-        yTicks: ticksOf(y, 5, shortly),
-    });
-    const words =
-        "A disc is a trial whose child entered the network archive, a cross one whose child did not; grey dashes bound niches that no trial could reach.";
+    frame(svg, x, d3.scaleLinear(), { xName: "temperature", yName: "", xTicks: ticksOf(x, 5, shortly), yTicks: [], height });
+    const words = [
+        "A disc is a trial whose child entered the network archive",
+        ...(run.trials.some((trial) => !trial.inserted) ? [", a cross one whose child did not"] : []),
+        ...(beyond.size ? ["; grey dashes bound niches that no trial could reach"] : []),
+    ].join("");
     return h(
         "figure",
         null,
         h("figcaption", null, caption),
         svg.node(),
         colourBar(colour, (part) => 0.5 + 1.5 * part, 0.5, 2),
-        h("p", { class: "note" }, words),
+        h("p", { class: "note" }, `${words}.`),
     );
 }

@@ -58,7 +58,7 @@ function lineTo(run, id) {
     return items;
 }
 
-const TREE = { left: 40, top: 14, step: 26, column: 72, width: 720, letters: 24, letter: 5.8 };
+const TREE = { left: 40, top: 14, step: 26, column: 72, width: 720, letter: 5.8 };
 
 // The baseline stands before generation 0.
 const columnOf = (one) => (one.operator === "baseline" ? -1 : one.generation);
@@ -70,10 +70,7 @@ function drawTree(run) {
     const place = new Map();
     const columns = d3.group(nodes, columnOf);
     const tallest = d3.max([...columns.values()], (column) => column.length) ?? 0;
-    const edgeName = (one) => {
-        const name = instructionOf(run, one);
-        return name.length > TREE.letters ? `${name.slice(0, TREE.letters - 1)}…` : name;
-    };
+    const edgeName = (one) => instructionOf(run, one);
     const letters = d3.max(nodes, (one) => edgeName(one).length) ?? 0;
     const step = Math.max(TREE.column, 20 + letters * TREE.letter);
     const width = Math.max(TREE.width, TREE.left * 2 + step * run.generations.length);
@@ -141,7 +138,12 @@ function drawTree(run) {
     const box = byId("lineage-tree");
     box.replaceChildren(svg.node());
     const shown = names.has(state.selected) ? state.selected : bestOf(run);
-    if (shown !== undefined) box.scrollLeft = place.get(shown)[0] - box.clientWidth / 2;
+    if (shown !== undefined) {
+        // Begin behind the nodes of a column, so that the names before the next one are whole.
+        const wish = place.get(shown)[0] - box.clientWidth / 2;
+        const starts = [...columns.keys()].map(x).filter((start) => start <= wish);
+        box.scrollLeft = starts.length ? d3.max(starts) + 8 : 0;
+    }
     const first = links.nodes().find((node) => d3.select(node).datum().id === shown);
     withArrowKeys(links.nodes(), (node) => place.get(d3.select(node).datum().id), first);
     const light = (id) => {

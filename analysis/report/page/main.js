@@ -24,7 +24,8 @@ function show(page) {
     document.title = page.title;
     byId("title").textContent = page.title;
     byId("state").textContent = page.state;
-    byId("checked").replaceChildren(...page.checked.map((line) => h("li", null, line)));
+    byId("checked").replaceChildren(...page.checked.map((line) => h("li", null, ...withCode(line))));
+    byId("sweep-found").textContent = page.sweep?.found ?? "";
     byId("replay").hidden = page.commands.length === 0;
     byId("commands").textContent = page.commands.join("\n");
     byId("run-label").hidden = page.runs.length < 2;
@@ -46,8 +47,11 @@ function choose(run) {
 
 function drawRun() {
     const run = state.run;
-    byId("headlines").replaceChildren(...run.headlines.map((line) => h("p", null, line)));
-    byId("remarks").replaceChildren(...run.remarks.map((line) => h("li", null, line)));
+    byId("found").textContent = run.found;
+    byId("headlines").replaceChildren(...run.headlines.map((line) => h("p", null, ...withCode(line))));
+    byId("remarks").replaceChildren(...run.remarks.map((line) => h("li", null, ...withCode(line))));
+    const notes = run.remarks.length ? `, ${counted(run.remarks.length, "note")}` : "";
+    byId("facts").querySelector("summary").textContent = `Facts${notes}`;
     drawSweep();
     drawMap();
     drawCandidate();

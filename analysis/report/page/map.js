@@ -60,8 +60,11 @@ function drawMap() {
         .attr("class", "empty")
         .attr("d", cellPath);
     const marks = "the star is the best elite, a thick edge a new one";
+    const hasEmptied = run.generations.some(
+        (line, at) => at && run.generations[at - 1].elites.some(([niche]) => !line.elites.some(([other]) => other === niche)),
+    );
     byId("map-note").textContent = run.cells.length
-        ? `A cell is a niche; ${marks}, a dashed cell one that emptied.`
+        ? `A cell is a niche; ${marks}${hasEmptied ? ", a dashed cell one that emptied" : ""}.`
         : `A disc is an elite; ${marks}.`;
     svg.append("g").attr("class", "axes").attr("aria-hidden", "true");
     svg.append("g").attr("class", "elites");

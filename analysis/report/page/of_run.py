@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 
 from analysis.report.collection import Collection, Compared
 from analysis.report.outputs import outputs
+from analysis.report.page.finding import found
 from analysis.report.page.source_texts import kept_lines, source_contents
 from analysis.rounding import p_in_words, shown
 from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
-from analysis.runs.niches import cells, reachable_prompt_niches
+from analysis.runs.niches import cells, prompt_rows, reachable_prompt_niches
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
-from analysis.studies.metric_names import metric_name
-from analysis.studies.reestimates import by_seeds, losses_by_source
+from analysis.studies.metric_names import SHARES, metric_name
+from analysis.studies.reestimates import by_seeds, losses_by_source, medians_by_id
 from analysis.table import Table
 from analysis.tables.comparison import margin_in_words
 from analysis.tables.dynamics import reestimated
@@ -90,8 +91,10 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
     reached = reachable_prompt_niches(run, collection.niches.prompts) if has_prompts else frozenset()
     return {
         "name": run.name,
+        "found": found(collection),
         "headlines": _headlines(collection),
         "remarks": [*([run.shortfall] if run.shortfall else []), *given.remarks, *_sourceless(given)],
+        "again": medians_by_id(collection.reestimates),
         "axes": [axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes],
         "cells": _cells(collection.niches.networks),
         "places": run.places,
@@ -102,7 +105,8 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
         "candidates": _candidates(collection, given.texts),
         "generations": _generations(run, collection.niches.networks),
         "pareto": _pareto(collection),
-        "prompt_cells": _cells(collection.niches.prompts) if has_prompts else (),
+        "prompt_niches": len(collection.niches.prompts) if has_prompts else 0,
+        "prompt_rows": prompt_rows(collection.niches.prompts, len(run.instructions)) if has_prompts else (),
         "unreachable": sorted(set(range(len(collection.niches.prompts))) - reached) if has_prompts else [],
         "trials": to_json(run.prompt_trials),
         "by_instruction": _rows(by_prompt(run)),
@@ -143,7 +147,7 @@ def _sourceless(given: RunMaterial) -> list[str]:
 def _headlines(collection: Collection) -> list[str]:
     """Say what was searched and found, as summary.md does; with which data; and what it rests on."""
     run, again = collection.run, reestimated(collection.run, collection.reestimates)
-    provider = f"; provider of the model: {run.config.llm.provider}" if run.answered else ""
+    provider = f" Requests were written for llm={run.config.llm.provider}." if run.answered else ""
     trained_again = ""
     if again is not None:
         words, reference, median = again
@@ -151,7 +155,7 @@ def _headlines(collection: Collection) -> list[str]:
     lines = [
         searched(run),
         outcome_in_words(run)[0] + trained_again,
-        f"{data_in_words(run)} Data source: {run.config.data.source}{provider}.",
+        f"{data_in_words(run)} Data source: {run.config.data.source}.{provider}",
         " ".join(rates_in_words(run)),
         f"Digest: {run.digest}. Rules: {rules_in_words(run.rules)}.",
     ]
@@ -278,7 +282,7 @@ def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
 
 def _verdict(study: RecordedStudy, comparison: Any) -> str:
     """Write a verdict with the p of the test that gave it."""
-    p = f"Holm's p {p_in_words(deciding_p(comparison))}"
+    p = f"p after Holm {p_in_words(deciding_p(comparison))}"
     if comparison.verdict != Verdict.equivalent:
         return f"{comparison.verdict}, {p}"
     return f"{comparison.verdict}, {p} of equivalence, margin {margin_in_words(study, comparison.margin)}"
@@ -296,7 +300,7 @@ def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
     is_classification = study.kind is Kind.classification
     networks = [
         {
-            "name": network.name,
+            "name": network.whole_name,
             "id": network.id,
             "values": study.values(network.name, study.primary).tolist(),
             "verdict": verdicts.get(network.name),
@@ -307,6 +311,7 @@ def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
     return {
         "name": compared.name,
         "metric": metric_name(study.primary),
+        "is_share": study.primary in SHARES,
         "lower_is_better": LOWER_IS_BETTER[study.primary],
         "names": study.names,
         "networks": networks,
@@ -327,7 +332,7 @@ def _provenance(run: RecordedRun) -> tuple[tuple[str, str], ...]:
         "digest": run.digest,
         "task": run.task,
         "seed": str(run.config.seed),
-        **({"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}),
+        **({"model": run.model, "requests written for": f"llm={run.config.llm.provider}"} if run.answered else {}),
         "data source": str(run.config.data.source),
         "data fingerprint": run.facts.fingerprint,
         "images": f"{train:,} to train, {validation:,} to validate, {test:,} to test{in_groups(run.facts)}",

@@ -6,11 +6,12 @@ import numpy as np
 import pandas as pd
 
 from analysis.report.outputs import Outputs, Say, outputs, unsaid
+from analysis.report.page.finding import found_in_sweep
 from analysis.report.page.of_run import table_contents
 from analysis.report.page.sections import sections_contents
 from analysis.report.sweep_collection import SweepCollection, sweep_tables
 from analysis.sweeps.ablation import CURVES, QUARTILES, by_generation
-from analysis.sweeps.arm_metrics import Metric
+from analysis.sweeps.arm_metrics import FRACTIONS, Metric
 
 #: What is shown of every arm at the end, as far as it is known.
 ENDS = (
@@ -45,8 +46,10 @@ def sweep_contents(collected: SweepCollection, installed: Outputs | None = None,
         if name in set(collected.ablation.jobs.arm)
     ]
     return {
+        "found": found_in_sweep(collected.ablation),
         "arms": arms,
         "tables": [table_contents(table) for table in sweep_tables(collected, known, say)],
+        "shares": [metric.value for metric in ENDS if metric in FRACTIONS],
         "sections": sections_contents(known.sweep_sections(collected, say), say),
     }
 

@@ -81,15 +81,20 @@ function frontChart(run) {
     links.append("title").text(words);
     const baseline = byName.get(run.candidates[0].id);
     if (baseline !== undefined) {
-        svg.append("path")
+        svg.append("path") // above all points, which would hide it
             .attr("class", "point is-best")
             .attr("transform", `translate(${x(baseline.flops)},${y(baseline.fitness)})`)
-            .attr("d", d3.symbol(d3.symbolStar, 60)());
+            .attr("d", d3.symbol(d3.symbolStar, 150)());
     }
     const place = new Map(edge.map((one) => [one.id, [x(one.flops), y(one.fitness)]]));
     withArrowKeys(links.nodes(), (node) => place.get(d3.select(node).datum().id), links.nodes()[0]);
-    const note =
-        "The star is the baseline. A diamond was trained again by a study or a noise run, and counts by the median of these losses; a square counts by the fitness by which the search chose, which flatters it.";
+    const note = [
+        "The star is the baseline.",
+        ...(edge.some((one) => one.isAgain)
+            ? ["A diamond was trained again by a study or a noise run, and counts by the median of these losses."]
+            : []),
+        ...(edge.some((one) => !one.isAgain) ? ["A square counts by the fitness by which the search chose, which flatters it."] : []),
+    ].join(" ");
     const named = edge.map((one) => linkTo(run, one.id));
     return h(
         "figure",

@@ -7,16 +7,24 @@ function drawStudies() {
 }
 
 function studyOf(study) {
+    const format = study.is_share ? percent : number;
     const rows = study.networks.map((one) => ({
         name: one.name,
         points: one.values,
         middle: d3.median(one.values),
-        words: one.verdict ? `${one.verdict} (candidate ${one.id})` : `median ${number(d3.median(one.values))}`,
+        words: `median ${format(d3.median(one.values))}${one.verdict ? `; ${one.verdict}` : ""}`,
     }));
     const better = study.lower_is_better ? "less is better" : "more is better";
     const caption = `Test ${study.metric} of every training seed (${better}); the bar is the median.`;
     const figures = [
-        dotRows({ caption, xName: `test ${study.metric}`, rows, scaleOf: study.lower_is_better ? lossScale : tight }),
+        dotRows({
+            caption,
+            xName: `test ${study.metric}`,
+            rows,
+            format: study.is_share ? tickPercent : shortly,
+            say: format,
+            scaleOf: study.lower_is_better ? lossScale : tight,
+        }),
     ];
     for (const one of study.networks) {
         if (one.confusion) figures.push(confusion(study, one));
@@ -84,6 +92,7 @@ function drawSweep() {
             yName: name,
             series,
             scaleOf,
+            ...(sweep.shares.includes(name) ? { format: percent, tickFormat: tickPercent } : {}),
         });
     });
     const ends = Object.keys(sweep.arms[0].ends).map((name) => {
@@ -97,6 +106,7 @@ function drawSweep() {
             xName: name,
             rows,
             scaleOf,
+            ...(sweep.shares.includes(name) ? { format: tickPercent, say: percent } : {}),
         });
     });
     byId("arms-figures").replaceChildren(...bands, ...ends);
@@ -128,7 +138,7 @@ function tableOf(table) {
     );
     const body = h("table", null, h("thead", null, h("tr", null, ...head)), h("tbody", null, ...rows));
     const region = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": table.label ?? table.caption }, body);
-    const notes = table.notes.map((note) => h("p", { class: "note" }, note));
+    const notes = table.notes.map((note) => h("p", { class: "note" }, ...withCode(note)));
     const heard = table.label ? { "aria-label": `${table.caption}: ${table.label}` } : null; // of which figure
-    return h("details", null, h("summary", heard, table.caption), region, ...notes);
+    return h("details", null, h("summary", heard, ...withCode(table.caption)), region, ...notes);
 }

@@ -8,9 +8,9 @@ import pytest
 from checkout import BUNDLES
 
 from analysis.report.collection import collect
-from analysis.runs.niches import Niches, reachable_prompt_niches, reachable_temperatures
+from analysis.runs.niches import Niches, prompt_rows, reachable_prompt_niches, reachable_temperatures
 from tacevo.bundles.open import opened
-from tacevo.evolution.archive import Tessellation
+from tacevo.evolution.archive import Tessellation, find_centroids
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.prompts import prompt_point
 from tacevo.evolution.run_files import read_finished
@@ -81,3 +81,21 @@ def test_trials_of_a_search_lie_within_reach(name: str) -> None:
         assert line.prompt is not None
         point = prompt_point(line.prompt, temperature[line.generation], prompts=len(run.instructions))
         assert Tessellation(centroids).niche_of(point) == line.prompt_niche
+
+
+@pytest.mark.parametrize("prompts", [1, 2, 5, 17])
+def test_rows_of_instructions_are_cut_as_the_archive_looks_up(prompts: int) -> None:
+    """Each row is covered once from 0 to 1, and within a piece the archive finds its niche."""
+    centroids = np.array(find_centroids(niches=12, dimensions=2, samples=400, seed=prompts))
+    rows = prompt_rows(centroids, prompts)
+    assert len(rows) == prompts
+    for prompt, row in enumerate(rows):
+        assert [low for _, low, _ in row] == pytest.approx([0.0, *(high for _, _, high in row[:-1])])
+        assert row[-1][2] == 1.0
+        middles = [prompt_point(prompt, (low + high) / 2, prompts=prompts) for _, low, high in row]
+        assert list(Tessellation(centroids).niches_of(middles)) == [niche for niche, _, _ in row]
+
+
+def test_row_through_equal_centroids_belongs_to_the_first() -> None:
+    """Two that lie at equal distance all along a row are one piece, that of the first, as in the archive."""
+    assert prompt_rows(np.array([[0.4, 0.5], [0.6, 0.5], [0.5, 9.0]]), 3)[1] == ((0, 0.0, 1.0),)

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from studies import study_of
 
+from analysis.figures.axes import RoundLogLocator
 from analysis.figures.by_generation import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.candidates import ROWS, lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
@@ -19,6 +20,7 @@ from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
+from analysis.runs.niches import prompt_rows
 from tacevo.records import Kind
 
 
@@ -54,6 +56,7 @@ def test_map_draws_every_niche() -> None:
     assert (axes.get_xlim(), axes.get_ylim()) == ((0.1, 0.5), (10.0, 20.0))
     assert points(axes, "o") == [(0.2, 11.0), (0.4, 14.0)]
     assert points(axes, "*") == [(0.4, 14.0)]
+    assert {"empty", "elite", "best"} <= set(texts(network_map(RUN, CENTROIDS)))
 
 
 def test_elite_outside_fixed_bounds_stands_at_their_edge() -> None:
@@ -87,11 +90,12 @@ def test_map_of_one_value_and_of_nothing_can_be_drawn() -> None:
     assert cells_of(axes, "empty") == 9
 
 
-def test_prompt_map_has_instructions_and_temperature_as_axes() -> None:
-    """Its trials stand at their instruction and temperature; a fruitless one is hatched, too."""
+def test_prompt_map_has_a_row_for_each_instruction() -> None:
+    """Its trials stand in the row of their instruction at their temperature; a fruitless one is hatched, too."""
     (axes, bar) = prompt_map(RUN, CENTROIDS, range(9)).axes
-    assert (axes.get_xlim(), axes.get_ylim()) == ((0.0, 1.0), (0.0, 1.0))
-    assert points(axes, "o") == [(0.0, 0.6), (1.0, 0.65)]
+    assert [label.get_text() for label in axes.get_yticklabels()] == list(RUN.instructions)
+    assert axes.get_xlim() == (0.0, 1.0)
+    assert points(axes, "o") == [(0.6, 0.0), (0.65, 1.0)]
     assert sum(collection.get_hatch() is not None for collection in axes.collections) == 1
     assert bar.get_ylabel() == "curiosity of the trial"
 
@@ -99,10 +103,63 @@ def test_prompt_map_has_instructions_and_temperature_as_axes() -> None:
 def test_niches_out_of_reach_are_shaded_and_hatched() -> None:
     """So that a niche that no search could fill is not taken for one that it failed to fill."""
     drawn = prompt_map(RUN, CENTROIDS, {1, 4, 7})
+    held, reached = {trial.niche for trial in RUN.prompt_trials}, {1, 4, 7}
+    beyond = [piece for row in prompt_rows(CENTROIDS, 2) for piece in row if piece[0] not in held | reached]
     (shaded,) = (one for one in drawn.axes[0].collections if one.get_hatch() == "....")
-    assert len(shaded.get_paths()) == 6
+    assert len(shaded.get_paths()) == len(beyond) > 0
     assert "out of reach" in texts(drawn)
     assert "out of reach" not in texts(prompt_map(RUN, CENTROIDS, range(9)))
+
+
+@pytest.mark.parametrize("last", [1, 3, 7, 20, 33])
+def test_no_tick_lies_beyond_the_generations(last: int) -> None:
+    """Neither before 0 nor after the last one, and all are whole, whatever is drawn over them."""
+    generations = tuple(closed(number, 0.9 - number / 100) for number in range(last + 1))
+    slots = [trained(number, 0, 0.9 - number / 100) for number in range(last + 1)]
+    told = altered(run(slots, generations), candidates=tuple(slots))
+    shown = (
+        *(fitness_evolution(told, [0.5] * (last + 1)), growth(told, 9, 6), temperature(told)),
+        *(trainable(progress(told)), lineage(find_lineage(told, slots[-1].id))),
+    )
+    for axes in (axes for drawn in shown for axes in drawn.axes):
+        ticks = axes.get_xticks()
+        assert all(0 <= tick <= last and tick == int(tick) for tick in ticks)
+        assert len(ticks) > 0
+
+
+@pytest.mark.parametrize(
+    ("ends", "ticks"),
+    [
+        ((0.07, 0.95), [0.1, 0.2, 0.5]),
+        ((0.004, 3.0), [0.01, 0.1, 1.0]),
+        ((0.31, 0.44), [0.35, 0.4]),
+        ((1.1, 1.9), [1.2, 1.4, 1.6, 1.8]),
+    ],
+)
+def test_losses_have_round_ticks(ends: tuple[float, float], ticks: list[float]) -> None:
+    """Powers of ten, or 1, 2 and 5 of a decade, or what is round between these; as axis and as colourbar."""
+    assert RoundLogLocator().tick_values(*ends) == pytest.approx(ticks)
+
+
+def test_fitness_stands_beside_baseline_and_reestimates() -> None:
+    """A record flatters: every network that was trained again has its other loss, joined to the one on record."""
+    drawn = fitness_evolution(RUN, MEDIANS, {"g00s00": 0.85, "g01s00": 0.7})
+    (axes,) = drawn.axes
+    assert set(line(axes, "baseline")) == {RUN.baseline.fitness}
+    assert sorted(y for _, y in points(axes, "D")) == [0.7, 0.85]
+    lines = [np.asarray(one.get_xydata()) for one in axes.lines]
+    assert any(len(ends) == 2 and ends[0, 0] == ends[1, 0] and sorted(ends[:, 1]) == [0.4, 0.7] for ends in lines)
+    assert "re-estimated" in texts(drawn)
+    assert "re-estimated" not in texts(fitness_evolution(RUN, MEDIANS))
+
+
+def test_axis_says_how_much_one_image_is() -> None:
+    """Of a small test set, whose accuracies are steps; of a large one nobody sees them, and errors have none."""
+    small = seed_boxes(confused(), {}).axes[0].get_ylabel()
+    assert "1 image = 10.0 points" in small
+    many = tuple(replace(one, confusion=((900, 0, 0), (0, 20, 0), (0, 0, 3))) for one in confused().scores)
+    assert "1 image" not in seed_boxes(replace(confused(), scores=many), {}).axes[0].get_ylabel()
+    assert "1 image" not in seed_boxes(FORCES, {}).axes[0].get_ylabel()
 
 
 def test_fitness_shows_the_archive_beside_the_new_and_a_gap_without_training() -> None:
@@ -137,7 +194,7 @@ def test_growth_shows_both_archives() -> None:
     run = altered(RUN, generations=(replace(RUN.generations[0], prompt_coverage=0.25),))
     upper, lower = growth(run, 8, 4).axes
     assert line(upper, "networks") == [25.0]
-    assert line(upper, "prompts (of reachable niches)") == [50.0]
+    assert line(upper, "prompts (of the 4 niches in reach, of 8)") == [50.0]
     assert lower.get_ylabel() == "QD-score"
 
 
@@ -214,9 +271,14 @@ def test_confusion_shows_every_network_at_its_median_seed() -> None:
     """Not one seed for all, which may be the best of one network and the worst of another."""
     study = study_of({"baseline": [1.0, 0.8, 0.9], "variant 1": [0.7, 0.8, 0.9]}, kind=Kind.classification)
     best = replace(study, scores=tuple(replace(one, confusion=_diagonal(one.seed + 1)) for one in study.scores))
-    left, right = confusion_matrices(replace(best, data=replace(best.data, names=("a", "b")))).axes
-    assert [axes.get_title() for axes in (left, right)] == ["baseline, seed 2", "variant 1, seed 1"]
+    drawn = confusion_matrices(replace(best, data=replace(best.data, names=("a", "b"))))
+    left, right = drawn.axes
+    assert [axes.get_title() for axes in (left, right)] == [
+        "baseline, seed 2",
+        f"{study.networks[1].whole_name}, seed 1",
+    ]
     assert {text.get_text() for text in left.texts} == {"3\n100"}
+    assert any("per cent of the true class" in text and "median" in text for text in texts(drawn))
     assert len(confusion_matrices(confused()).axes) == 5
 
 

@@ -9,7 +9,7 @@ from hand_sweeps import NONE, WORSE, compared, curves_of, jobs_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.ablations import _ENDS, curves, final_values
+from analysis.figures.ablations import _ENDS, curves, final_values, forest
 from analysis.figures.style import BLACK
 from analysis.sweeps.ablation import compare_arms
 from analysis.sweeps.arm_metrics import Metric
@@ -52,6 +52,19 @@ def test_archives_are_those_in_common() -> None:
     for drawn in (figure, final_values(FOUND)):
         words = [axes.get_ylabel() + axes.get_xlabel().replace("\n", " ") for axes in drawn.axes[-2:]]
         assert all("common archive" in word for word in words)
+
+
+def test_forest_shows_every_other_arm_against_the_reference() -> None:
+    """The difference of medians that the table has, with its interval; arms that are not compared say why."""
+    figure = forest(FOUND)
+    (axes,) = figure.axes
+    frame = FOUND.arms[FOUND.first]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["worse"]
+    (point,) = [line for line in axes.lines if line.get_marker() == "o"]
+    assert float(np.asarray(point.get_xdata())[0]) == frame.at["worse", "difference"]
+    assert axes.get_xlim()[0] < 0 < axes.get_xlim()[1]
+    (alone,) = forest(compared(*jobs_of("none", NONE), *jobs_of("few", WORSE[:1]))[1]).axes
+    assert "too few seeds" in [text.get_text() for text in alone.texts]
 
 
 def test_words_below_one_panel_do_not_reach_the_next(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -244,7 +244,7 @@ def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsy
     assert [line.split("tacevo ")[1] for line in (first, second)] == ["tables run", "report run"]
     assert digest == f"digest: {directory.read().digest}"
     assert main(["show", "run"]) == 0
-    table = told[told.index("**None of the search's 2 best networks") : told.index("look: ")].strip()
+    table = told[told.index("None of the search's 2 best networks") : told.index("look: ")].strip()
     assert table in capsys.readouterr().out
     shutil.rmtree(directory.path)
     assert main(["show", "run"]) == 0

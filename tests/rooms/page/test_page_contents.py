@@ -122,8 +122,31 @@ def test_first_lines_name_task_model_provider_data_and_digest(whole: tuple[Colle
     collection, shown = whole
     searched, _, data, _, digest = shown["headlines"]
     assert searched.startswith("Task force, seed 0, requests answered by drawn, portable numerics. ")
-    assert data.endswith(" Data source: touches; provider of the model: drawn.")
+    assert data.endswith(" Data source: touches. Requests were written for llm=drawn.")
     assert digest.startswith(f"Digest: {collection.run.digest}. Rules: ")
+
+
+def test_page_begins_with_what_was_found(whole: tuple[Collection, dict[str, Any]]) -> None:
+    """What other seeds leave of the record, beside the baseline, and how many networks a study calls better."""
+    collection, given = whole
+    again = reestimated(collection.run, collection.reestimates)
+    assert again is not None
+    words = given["found"]
+    assert all(shown(loss) in words for loss in again[1:])
+    (study,) = collection.studies
+    verdicts = list(study.comparisons.verdict[study.comparisons.output.isna()]) if study.comparisons is not None else []
+    assert f"{verdicts.count('better')} of {len(verdicts)} network" in words
+    assert f"{study.study.data.counts[2]} test images" in words
+    alone = replace(collection, studies=(), reestimates=())
+    assert "single draws" in run_contents(RunMaterial(collection=alone, texts={}))["found"]
+
+
+def test_prompts_are_rows_of_named_instructions(whole: tuple[Collection, dict[str, Any]]) -> None:
+    """Each is cut into niches of the prompt archive, so that a page can say of how many it could reach which part."""
+    collection, given = whole
+    assert given["prompt_niches"] == len(collection.niches.prompts)
+    assert len(given["prompt_rows"]) == len(given["instructions"])
+    assert {niche for row in given["prompt_rows"] for niche, _, _ in row} <= set(range(given["prompt_niches"]))
 
 
 def test_best_loss_stands_with_what_it_is_worth(whole: tuple[Collection, dict[str, Any]]) -> None:

@@ -71,6 +71,47 @@ def test_every_panel_is_filled_and_nothing_is_asked(shipped: PageContents, open_
     assert wrong == []
 
 
+@pytest.mark.parametrize("size", [{"width": 1400, "height": 900}, {"width": 400, "height": 844}])
+def test_first_screen_says_what_was_found_and_shows_the_map(
+    shipped: PageContents, open_page: Opener, size: ViewportSize
+) -> None:
+    """The finding is the first sentence, the facts are folded away, and half of the map is in sight at least."""
+    page, wrong = open_page(shipped, size=size)
+    (run,) = shipped.runs
+    assert page.locator("#found").inner_text() == run["found"] != ""
+    assert not page.locator("#headlines").is_visible()
+    drawn = page.locator("#map-drawing svg").bounding_box()
+    assert drawn is not None
+    assert drawn["y"] + drawn["height"] / 2 < size["height"]
+    page.locator("#facts summary").click()
+    assert page.locator("#headlines").is_visible()
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert wrong == []
+
+
+def test_chart_of_fitness_has_baseline_and_reestimates(shipped: PageContents, open_page: Opener) -> None:
+    """Nobody can cut the record out of the page without what corrects it."""
+    (run,) = shipped.runs
+    again = {one["id"]: 2 * one["fitness"] for one in run["candidates"][:3] if one["fitness"] is not None}
+    page, _ = open_page(replace(shipped, runs=({**run, "again": again},)))
+    chart = page.locator("#dynamics-figures figure").first
+    assert chart.locator(".level").count() == 2  # the line and its mark in the legend
+    assert chart.locator("svg:not(.mark) > .estimate").count() == len(again) > 1
+    assert "re-estimated" in str(chart.locator("svg").first.get_attribute("aria-label"))
+    assert "rejected at" in page.locator("#dynamics-figures").inner_text()
+
+
+def test_page_has_no_texts_of_what_a_run_lacks(shipped: PageContents, open_page: Opener) -> None:
+    """Without rejections, skipped candidates or re-estimates none of these is spoken of."""
+    (run,) = shipped.runs
+    lines = [{**line, "rejected": dict.fromkeys(line["rejected"], 0), "skipped": None} for line in run["generations"]]
+    page, wrong = open_page(replace(shipped, runs=({**run, "generations": lines, "again": {}},)))
+    told = page.locator("#dynamics").inner_text()
+    assert "none was rejected" in told
+    assert not [word for word in ("rejected at", "skipped", "surrogate", "re-estimated") if word in told]
+    assert wrong == []
+
+
 @pytest.mark.slow
 def test_thousand_candidates_have_a_page(tmp_path: Path, open_page: Opener) -> None:
     """It is below 15 MB, every panel is filled, and the slider goes to any generation."""
@@ -155,7 +196,7 @@ def test_every_candidate_opens_by_its_address(shipped: PageContents, open_page: 
         expect(name).to_have_text(f"Candidate {one['id']}")
         assert page.locator("#candidate figure").count() == bool(one["validation_losses"])
     assert page.locator("pre[aria-label^='rejected answer of ']").count() == 1
-    assert "`tacevo replay` checks it" in page.locator("#candidate-body").inner_text()
+    assert "tacevo replay checks it" in page.locator("#candidate-body").inner_text()
     for address in ("#/nobody/g00s00", "#/%E0%A4%A/x", "#/", address_of(run, "g99s99")):
         page.evaluate("hash => { location.hash = hash }", address)
     expect(name).to_have_text("Candidate")

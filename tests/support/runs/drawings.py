@@ -11,9 +11,10 @@ from studies import study_of
 from analysis.figures.by_generation import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.studies import confusion_matrices, seed_boxes
+from analysis.figures.studies import confusion_matrices, forest, seed_boxes
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
+from analysis.studies.comparison import compare, of_whole
 from tacevo.evolution.archive import find_centroids
 from tacevo.records import Kind, Reason, Stage
 from tacevo.results.study import RecordedStudy
@@ -54,6 +55,9 @@ MEDIANS = [0.7, 0.5, 0.5]
 
 FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.005, 0.0045]})
 
+#: With as many seeds as a comparison needs.
+TESTED = study_of({"baseline": [0.006, 0.007, 0.0065, 0.0068], "variant 1": [0.004, 0.005, 0.0045, 0.0066]})
+
 
 def confused() -> RecordedStudy:
     """Return a study of a classification in which every network mistakes one image of class b for a c."""
@@ -82,7 +86,7 @@ def pareto() -> Figure:
 
 
 DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
-    "fitness_evolution": (lambda: fitness_evolution(RUN, MEDIANS), 3.5),
+    "fitness_evolution": (lambda: fitness_evolution(RUN, MEDIANS, {"g00s00": 0.85, "g01s00": 0.7}), 3.5),
     "trainable": (lambda: trainable(progress(RUN)), 3.5),
     "growth": (lambda: growth(RUN, 9, 6), 3.5),
     "temperature": (lambda: temperature(RUN), 3.5),
@@ -93,6 +97,7 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "lineage": (lambda: lineage(find_lineage(RUN, "g01s01")), 3.5),
     "training_curves": (lambda: training_curves([SLOTS[0], SLOTS[2]]), 3.5),
     "seed_boxes": (lambda: seed_boxes(FORCES, {"variant 1": "better"}), 3.5),
+    "forest": (lambda: forest(TESTED, of_whole(compare(TESTED))), 3.5),
     "confusion_matrix": (lambda: confusion_matrices(of_networks(confused(), 1)), 3.5),
     "confusion_of_two": (lambda: confusion_matrices(of_networks(confused(), 2)), 7.16),
     "confusion_matrices": (lambda: confusion_matrices(confused()), 7.16),

@@ -89,7 +89,7 @@ def check_panels(page: Page, contents: PageContents) -> None:
         for text in (section["title"], *section["sentences"], section["by"]):
             assert page.locator("#parts-body", has_text=" ".join(text.split())).count()
     assert page.locator("#parts-body img").count() == sum(len(section["figures"]) for section in run["sections"])
-    assert page.locator("#headlines p").all_inner_texts() == list(run["headlines"])
+    assert page.locator("#headlines p").all_text_contents() == list(run["headlines"])
     assert page.locator("#checked li").all_inner_texts() == list(contents.checked)
     assert run["provenance"][1][1] in page.locator("#provenance-facts").inner_text()
 

@@ -1,0 +1,67 @@
+"""What a run or a sweep found, in a sentence or two: the first thing that its page says."""
+
+from analysis.report.collection import Collection, Compared
+from analysis.rounding import p_in_words, shown
+from analysis.studies.comparison import Verdict, of_whole
+from analysis.sweeps.ablation import Ablation
+from analysis.sweeps.arm_metrics import LESS_IS_BETTER
+from analysis.tables.dynamics import reestimated
+from tacevo.results.grouped import images_tested
+from tacevo.results.sweep import ALPHA
+from tacevo.text import counted, listed
+
+
+def found(collection: Collection) -> str:
+    """Say what a run found: what is left of its record with other seeds, and what its studies say.
+
+    Where nothing was found, that comes first. Empty before anything was trained.
+    """
+    run = collection.run
+    if not run.elites:
+        return ""
+    best = run.ranked()[0]
+    again = reestimated(run, collection.reestimates)
+    if again is None:
+        baseline = run.baseline.fitness
+        beside = "" if baseline is None else f", the baseline {shown(baseline)}"
+        lines = [f"{best.id} has the lowest loss on record, {shown(best.fitness)}{beside}: single draws, not repeated."]
+    else:
+        _, reference, median = again
+        lines = [
+            f"{best.id}, best on record with a loss of {shown(best.fitness)}, has {shown(median)} with other seeds; "
+            f"the baseline has {shown(reference)}."
+        ]
+    tested = [_tested(compared) for compared in collection.studies if compared.comparisons is not None]
+    return " ".join([*([run.shortfall] if run.shortfall else []), *lines, *tested])
+
+
+def _tested(compared: Compared) -> str:
+    """Say how many networks of a study are better than its baseline, on what, and what of the others."""
+    study, verdicts = compared.study, list(of_whole(compared.comparisons).verdict)
+    networks, better = counted(len(verdicts), "network"), verdicts.count(Verdict.better)
+    others = [f"{verdicts.count(verdict)} {verdict}" for verdict in Verdict if verdict in verdicts]
+    rest = [words for words in others if not words.endswith(Verdict.better)]
+    images = images_tested(study.data, "test image") + (" of other data" if study.other_data else "")
+    return (
+        f"{better} of {networks} {'is' if better == 1 else 'are'} better than the baseline on {images}, after "
+        f"{counted(study.recipe.epochs, 'epoch')}{f' ({listed(rest)})' if rest else ''}."
+    )
+
+
+def found_in_sweep(ablation: Ablation) -> str:
+    """Say which arms differ from the reference in the first metric; empty without a reference."""
+    if ablation.reference is None:
+        return ""
+    metric, frame = ablation.first, ablation.arms[ablation.first]
+    others = frame[frame.index != ablation.reference]
+    tested = others[others.p_holm.notna()]
+    told = [
+        f"{arm} is {'better' if (difference < 0) == (metric in LESS_IS_BETTER) else 'worse'} (p {p_in_words(p)})"
+        for arm, difference, p in zip(tested.index, tested.difference, tested.p_holm, strict=True)
+        if p <= ALPHA and difference
+    ]
+    what = f"by {metric.value}, against {ablation.reference}, p after Holm"
+    if tested.empty:
+        return f"No arm could be tested {what}."
+    arms = counted(len(tested), "arm")
+    return f"Of {arms} compared {what}: {listed(told) if told else 'none is shown to differ'}."
