@@ -6,7 +6,6 @@ import shlex
 import zipfile
 from fnmatch import fnmatch
 
-import numpy as np
 import pytest
 from checkout import GOLDEN, PUBLISHED, ROOT
 from rich.console import Console
@@ -22,33 +21,12 @@ from tacevo.config.identity import config_hash
 from tacevo.evolution.lines import GenerationLine
 from tacevo.reproduce.demo import DEMO, compared
 from tacevo.reproduce.replay import replay
-from tacevo.results.run import read_run
 from tacevo.results.study_directory import studies_of
 from tacevo.rules import CURRENT
 from tacevo.runs.progress import Progress
 from tacevo.studies.study import replay_studies
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-
-#: The finding; the bundle; its table; how the row begins; and figures of that row, as README writes them.
-FIGURES = [
-    (1, "grating-claude", "noise_*", "variant 1", ("0.0705", "0.544")),
-    (1, "grating-claude", "noise_*", "baseline", ("0.911",)),
-    (2, "grating-claude", "verdicts_*epochs6-*", "variant 1", ("87.4",)),
-    (2, "grating-claude", "verdicts_*epochs6-*", "variant 3", ("96.1",)),
-    (2, "grating-claude", "verdicts_*epochs6-*", "baseline", ("57.0",)),
-    (2, "ablation-elites", "more/ablation_test_accuracy*", "none", ("95.2",)),
-    (2, "ablation-elites", "more/ablation_test_accuracy*", "drift", ("95.1",)),
-    (3, "claude-vs-grammar", "ablation_new_quartile*", "none", ("0.253",)),
-    (3, "claude-vs-grammar", "ablation_new_quartile*", "llm_vs_grammar", ("0.371", "0.10")),
-    (4, "ablation-proposals", "ablation_new_quartile*", "none", ("0.369",)),
-    (4, "ablation-proposals", "ablation_new_quartile*", "drift", ("0.500", "0.0031")),
-    (4, "ablation-proposals", "ablation_new_quartile*", "best_k", ("0.315", "0.012")),
-    (4, "ablation-proposals", "ablation_new_quartile*", "fixed_temperature_0", ("0.31",)),
-    (4, "ablation-proposals", "ablation_new_quartile*", "effect_prompts", ("0.31",)),
-    (4, "ablation-elites", "more/ablation_test_loss*", "drift", ("0.23",)),
-    (5, "grating-variants", "verdicts_*", "baseline", ("89.5",)),
-]
 
 
 def row_of(bundle: str, table: str, start: str) -> str:
@@ -60,47 +38,17 @@ def row_of(bundle: str, table: str, start: str) -> str:
     return row
 
 
-def stands(figure: str, text: str) -> bool:
-    """Return whether a figure stands in a text, whole: not as a part of a longer number."""
-    return re.search(rf"(?<![\d.]){re.escape(figure)}(?!\d)", text) is not None
-
-
-@pytest.mark.parametrize(("finding", "bundle", "table", "start", "figures"), FIGURES)
-def test_readme_says_what_the_tables_say(
-    finding: int, bundle: str, table: str, start: str, figures: tuple[str, ...]
-) -> None:
-    """Each figure stands in its row of README and in its row of the table."""
-    (told,) = (line for line in README.splitlines() if line.startswith(f"| {finding}. "))
-    row = row_of(bundle, table, start)
-    for figure in figures:
-        assert stands(figure, told)
-        assert stands(figure, row)
-
-
-def test_readme_says_where_the_baseline_ends() -> None:
-    """Trained with the seeds of each search's elites: the median of the searches' seeds."""
-    ends = next(line for line in README.splitlines() if line.startswith("| 2. "))
-    accuracies = {}
-    for folder in opened(PUBLISHED / "ablation-elites.zip").runs:
-        run = read_run(folder)
-        (study,) = read_studies(run).studies
-        accuracies[run.config.seed] = study.study.values("baseline", "accuracy").mean()
-    assert len(accuracies) == 8
-    assert stands(f"{100 * np.median([*accuracies.values()]):.1f}", ends)
-
-
 @pytest.mark.parametrize(
-    ("section", "bundle", "table"),
+    ("first", "bundle", "table"),
     [
-        ("Compare ablations", "ablation-proposals", "ablation_new_quartile*"),
-        ("Tables for a paper", "grating-claude", "verdicts_*epochs6-*"),
+        ("arm, 8 searches each", "ablation-proposals", "ablation_new_quartile*"),
+        ("network", "grating-claude", "verdicts_*epochs6-*"),
     ],
 )
-def test_readme_shows_rows_of_published_tables(section: str, bundle: str, table: str) -> None:
-    """Each value of each of its rows stands in that row of the table."""
-    _, _, *rows = re.findall(r"^\|.*\|$", section_of(section), flags=re.MULTILINE)
-    assert rows
-    for row in rows:
+def test_readme_shows_rows_of_published_tables(first: str, bundle: str, table: str) -> None:
+    """Each value of each row of the table that begins with a column stands in that row of the published one."""
+    (shown,) = re.findall(rf"^\| {first} \|.*\n\|[-|]+\|\n((?:\|.*\|\n)+)", README, flags=re.MULTILINE)
+    for row in shown.splitlines():
         name, *values = (cell.strip().removesuffix(" %") for cell in row.strip("|").split("|"))
         published = row_of(bundle, table, name).replace("\\", "").replace(" %", "")
         assert [value for value in values if value.replace(" %", "") not in published] == []
@@ -135,20 +83,18 @@ def section_of(title: str) -> str:
 
 
 def blocks_of(title: str) -> list[str]:
-    """Return the blocks of code in a section of README, without their indents."""
-    blocks = re.findall(r"(?:^    .*\n(?:\n(?=    ))?)+", section_of(title), flags=re.MULTILINE)
-    return [re.sub("^    ", "", block, flags=re.MULTILINE) for block in blocks]
+    """Return the blocks of code in a section of README."""
+    return re.findall(r"^```\w+\n(.*?)^```$", section_of(title), flags=re.MULTILINE | re.DOTALL)
 
 
-def test_readme_shows_what_a_replay_ends_with(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The command of its section is run, and the lines below it are the last ones of its output."""
+def test_readme_shows_what_a_replay_says(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command of its section is run, and what stands below it are lines of its output; they are wrapped."""
     monkeypatch.chdir(ROOT)
-    command, shown = (block for blocks in blocks_of("Replay a published run") for block in blocks.split("\n\n"))
-    assert main(shlex.split(command)[1:]) == 0
-    lines = shown.splitlines()
-    assert capsys.readouterr().out.splitlines()[-len(lines) :] == lines
+    commands, shown = blocks_of("Check somebody else's result")
+    assert main(shlex.split(commands.splitlines()[-1])[1:]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    first, verdict, digest = re.split(r"\n(?=EQUAL|digest)", shown)
+    assert [part for part in (first, verdict, digest) if " ".join(part.split()) not in said] == []
 
 
 @pytest.mark.room("noise")
@@ -167,15 +113,17 @@ def test_readme_shows_what_the_demo_prints() -> None:
     (noise,) = replay_studies(run, Progress(Console(file=out))).values()
     (outcome,) = outcomes(run, read_studies(run)).values()
     assert f"elites={len(noise.record.networks) - 1} seeds={noise.record.seeds}" in (ROOT / "Makefile").read_text()
-    assert section_of("Start").split("\n\n")[2].split("\n    ") == [
-        f"    {out.getvalue().splitlines()[-1].replace(' replayed:', trained)}",
-        as_text(outcome).splitlines()[0],
-        f"digest: {noise.record.digest}",
-    ]
     assert noise.record.digest == DEMO.digest
     assert {name: run.record.versions[name] for name in DEMO.versions} == DEMO.versions
     (folder,) = studies_of(run.path)
-    assert compared(run, folder) == "equal to the digest in README: all 69 trainings have the same bits as there"
+    lines = [
+        out.getvalue().splitlines()[-1].replace(" replayed:", trained),
+        as_text(outcome).splitlines()[0],
+        f"digest: {noise.record.digest}",
+        compared(run, folder),
+    ]
+    _, shown = blocks_of("Run your own")
+    assert shown.split() == " ".join(lines).split()
 
 
 def test_python_of_readme_runs() -> None:

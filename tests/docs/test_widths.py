@@ -10,7 +10,7 @@ from tacevo.cli.signature import WIDTH
 
 #: Pages whose blocks are still to be laid out anew.
 LEFT = {
-    *("README.md", "ablation_study.md", "figures.md", "llm.md", "publishing.md", "study.md", "table.md"),
+    *("ablation_study.md", "figures.md", "llm.md", "publishing.md", "study.md", "table.md"),
 }
 
 #: A block between fences, with its language, or of indented lines below an empty one.
