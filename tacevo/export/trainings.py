@@ -243,9 +243,8 @@ def train(
         pace = None if took is None else took / run.config.training.epochs
         count = EpochCount(view, epochs * (len(plan.seeds) + len(before)), pace)
         bench.on_epoch = count.told
-        for one in bench.executor.map(
-            lambda seed: _train(bench, (known, fresh), plan, source, seed, count), plan.seeds
-        ):
+        again = partial(_train, bench, (known, fresh), plan, source, count=count)
+        for one in bench.executor.map(again, plan.seeds):
             view.say(
                 f"trained ({len(trained) + 1} of {len(plan.seeds)}); the weights are those after epoch {one.epoch}"
             )
