@@ -21,6 +21,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import costs
+import gallery
 import house
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -36,7 +37,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 #: Pages that lie elsewhere in the checkout, and where the site has them.
 ELSEWHERE = {
-    "README.md": "index.md",
+    "docs/site/front.md": "index.md",
+    "docs/site/gallery.md": "gallery.md",
+    "README.md": "first_search.md",
     "docs/index.md": "where_to_read.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
@@ -52,6 +55,9 @@ ELSEWHERE = {
 
 #: Where pictures lie that pages show.
 PICTURES = ("docs/figures/", "docs/found/")
+
+#: Stands above a page that no search shall find: the changelog has every word of every page.
+UNSEARCHED = "---\nsearch:\n  exclude: true\n---\n\n"
 
 #: What a bound of a setting is called.
 WORDS = {Ge: "at least", Gt: "above", Le: "at most", Lt: "below"}
@@ -75,13 +81,17 @@ def write_pages(folder: Path) -> None:
         shutil.copytree(
             ROOT / "docs" / pictures, folder / pictures, ignore=shutil.ignore_patterns("*.py", "*.md", "__pycache__")
         )
+    put(folder / "assets/iframe-worker.js", (ROOT / "docs/site/worker.js").read_text(encoding="utf-8"))
     house.write(folder / "figures/house.svg")
     places = places_of_pages()
     for source, place in places.items():
         if source.endswith(".md"):
             text = (ROOT / source).read_text(encoding="utf-8")
             text = costs.counted(text) if ROOT / source == costs.PAGE else text
-            put(folder / place, with_links(text, source, places))
+            text = with_links(text, source, places)
+            put(folder / place, UNSEARCHED + text if source == "CHANGELOG.md" else text)
+    with (folder / places["docs/site/gallery.md"]).open("a", encoding="utf-8") as page:
+        page.write(f"\n{gallery.write(ROOT, folder / 'gallery')}")
     for notebook in sorted((ROOT / "docs/notebooks").glob("*.ipynb")):
         source = notebook.relative_to(ROOT).as_posix()
         put(folder / places[source], run_notebook(notebook, folder / "notebooks", places))

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from functools import partial
 from typing import Annotated
 
 from annotated_types import Ge, Le
@@ -243,9 +244,8 @@ def train(
         pace = None if took is None else took / run.config.training.epochs
         count = EpochCount(view, epochs * (len(plan.seeds) + len(before)), pace)
         bench.on_epoch = count.told
-        for one in bench.executor.map(
-            lambda seed: _train(bench, (known, fresh), plan, source, seed, count=count), plan.seeds
-        ):
+        again = partial(_train, bench, (known, fresh), plan, source, count=count)
+        for one in bench.executor.map(again, plan.seeds):
             view.say(
                 f"trained ({len(trained) + 1} of {len(plan.seeds)}); the weights are those after epoch {one.epoch}"
             )

@@ -178,6 +178,8 @@ def read_lines(
 def broken_line(data: bytes) -> str:
     """Name the first line of a ledger that does not match its own hash, with its candidate; empty where all match."""
     for number, text in enumerate(data.splitlines(), start=1):
+        if not text:  # more than a ledger has, but no line of it
+            continue
         try:
             entry = json.loads(text)
             own, previous = entry.pop("hash"), entry.pop("previous")

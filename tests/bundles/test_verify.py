@@ -147,13 +147,14 @@ def test_edited_ledger_line_is_found(whole: Members, refused: Refused) -> None:
     """Alone, it breaks the chain; with the chain made anew, generation, slot, field and both values are named."""
     better = {**whole, "run/ledger.jsonl": whole["run/ledger.jsonl"].replace(b'"fitness":0.', b'"fitness":0.0', 1)}
     assert better != whole
-    refused(better, "x.zip, run/ledger.jsonl, line 2: expected a line that matches its hash")
+    refused(better, "x.zip, run/ledger.jsonl, line 2 (g00s00): expected a line that matches its hash")
+    refused(better, "got 'run/ledger.jsonl', line 2 (g00s00), was edited or damaged", seal=False)
 
     def improve(line: dict[str, Any]) -> None:
         line["fitness"] = 0.000001
 
     edited = with_line(whole, 1, improve)
-    refused(edited, "generation 0, slot 0, fitness: expected 1e-06 as recorded; got 0.")
+    refused(edited, "g00s00 (generation 0, slot 0), fitness: expected 1e-06 as recorded; got 0.")
 
 
 FOREIGN: dict[str, Any] = {"kind": "probes", "request": "of another run", "answer": {}}

@@ -24,6 +24,7 @@ from tacevo.cli.app import main
 from tacevo.cli.commands import OURS
 from tacevo.cli.common import output_directory
 from tacevo.cli.search import print_end
+from tacevo.cli.signature import WIDTH
 from tacevo.config.compose import compose
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import keys
@@ -169,6 +170,22 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
             ["check", "nowhere.py"],
             "nowhere.py: expected the file of an answer: text in UTF-8; got one that cannot be read (No such file",
         ),
+        (["search", "experiment=demmo"], "got demmo; did you mean demo?"),
+        (["search", "experiment=demo", "llm=antropic"], "did you mean anthropic?"),
+        (["search", "experiment=demo", "ablation=no_prompt_archiv"], "did you mean no_prompt_archive?"),
+        (["search", "-m", "experiment=demo", "ablation=none,", "drift"], "no space after the comma or within brackets"),
+        (["search", "-m", "experiment=demo", "ablation=none", ",drift"], "ablation=none,drift"),
+        (["search", "experiment=demo", "search.networks=[a.py,", "b.py]"], "'search.networks=[a.py,b.py]'"),
+        (["search", "experiment", "=", "demo"], "no space beside the equals sign"),
+        (["search", "experiment=demo", "seed", "3"], "write seed=3"),
+        (["search", "seed:3"], "write seed=3"),
+        (["search", "demo"], "did you mean experiment=demo?"),
+        (["search", "experiment=demo", "--seed", "3"], "a setting is written without dashes: seed=3"),
+        (["search", "--experiment=demo"], "without dashes: experiment=demo"),
+        (["search", "experiment=demo", "seed=0-3"], "a range is 'seed=range(0,4)'"),
+        (["search", "-m", "experiment=demo", "seed=0..3"], "a range is 'seed=range(0,4)'"),
+        (["show", ".", "g00s00", "--sorce"], "unrecognized arguments: --sorce; did you mean --source?"),
+        (["report", ".", "--folow"], "did you mean --follow?"),
         (["search", "--into", "here"], "--into names the directory of a sweep, so it needs -m"),
         (["search", "seed=1"], "experiment: expected one of demo, "),
         (["search", "-m", "seed=1,2"], "experiment: expected one of demo, "),
@@ -226,6 +243,28 @@ def test_help_is_complete_and_mistakes_are_answered_without_any_library(place: P
     assert "slow: []" in out
     for command in OURS:
         assert re.search(rf"^  {command}\b", out, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        [],
+        *([name] for name in OURS),
+        *([name, below] for name, command in OURS.items() for below in command.below),
+    ],
+    ids=" ".join,
+)
+def test_help_is_as_wide_as_a_terminal_and_ends_with_examples(
+    command: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 80 columns on any terminal; and nothing of Hydra's own, or of what is gone, is in it."""
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(SystemExit):
+        main([*command, "--help"])
+    told = capsys.readouterr().out
+    assert [line for line in told.splitlines() if len(line) > WIDTH] == []
+    assert f"  tacevo {' '.join(command)}".rstrip() in told.lower().partition("\nexamples:\n")[2]
+    assert not {"--resolve", "--info", "--register", "--diff"} & set(told.split())
 
 
 def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> None:

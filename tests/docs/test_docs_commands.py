@@ -55,6 +55,7 @@ LACKS = re.compile(r"_API_KEY|HEAD:6379|localhost:8000|/dev/nvidiactl")
 
 #: What a reader puts in place of a page's words.
 STANDS_FOR = {
+    r"pairs sweeps/tells": "pairs cache/published/words-temperature.zip --reference temperature.start=0.1 -o tells",
     r"\bRUN data.sensor=": "runs/tacverse data.sensor=",
     r"\bRUN data=csv": "sweeps/tiny/none-seed0 data=csv",
     r"\bruns/NAME data=tacverse": "runs/tacverse data=tacverse",

@@ -92,3 +92,11 @@ def test_log_is_never_silent_for_long() -> None:
         )
         view.advance("trainings", 0, 8)  # of another job
         assert eventually(lambda: "trainings: 0 of 8, at work" in text.getvalue(), seconds=20)
+
+
+def test_long_work_is_told_of_less_often() -> None:
+    """A log of a day has a line a minute at most, and one that began has a word after five seconds."""
+    view = Progress(Console(file=io.StringIO()))
+    for lasted, pause in ((0, 5), (100, 5), (1000, 25), (100_000, 60)):
+        view._last = view._began + lasted
+        assert view._due - view._last == pytest.approx(pause)

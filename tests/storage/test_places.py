@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from tacevo.errors import RunError
-from tacevo.storage.places import check_place
+from tacevo.storage.places import check_place, check_sweep
 
 
 @pytest.fixture
@@ -45,3 +45,42 @@ def test_name_of_nothing_is_refused(name: str, expected: str, got: str, places: 
     """With the nearest jobs, where there are jobs."""
     with refused(RunError, expected=expected, got=got):
         check_place(places / name)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("demo", "runs/demo"),
+        ("runs/dmeo", "runs/demo"),
+        ("runs/mine", "sweeps/mine"),
+        ("claude.zip", "cache/published/claude.zip"),
+        ("claude", "cache/published/claude.zip"),
+        ("claud.zip", "cache/published/claude.zip"),
+        ("elsewhere/demo", "runs/demo"),
+    ],
+)
+def test_name_without_its_directory_or_with_a_slip_is_asked_for(
+    typed: str, meant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where runs, sweeps and published bundles usually lie, and beside what was typed."""
+    for name in ("runs/demo/run.json", "sweeps/mine/sweep.json", "cache/published/claude.zip"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("{}")
+    monkeypatch.chdir(tmp_path)
+    with refused(RunError, place=typed, remedy=f"did you mean {meant}?"):
+        check_place(Path(typed))
+
+
+def test_directory_of_runs_is_no_run(places: Path) -> None:
+    """It names what it holds, and how to name one; an empty one is left to its reader."""
+    with refused(RunError, place=str(places), got="holds other.zip, run.zip, sweep, ..."):
+        check_place(places)
+    (places / "empty").mkdir()
+    check_place(places / "empty")
+
+
+def test_run_is_no_sweep(places: Path) -> None:
+    """It has no arms, finished or not."""
+    check_sweep(places / "sweep")
+    with refused(RunError, expected="the directory or bundle of a sweep", got="that of a run", remedy="has no arms"):
+        check_sweep(places / "sweep" / "none-seed0")

@@ -40,7 +40,7 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.evolution.run_files import Line
 from tacevo.runs.progress import Progress
-from tacevo.runs.session import mirrored_together
+from tacevo.runs.session import mirrored, mirrored_together
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.tracker import Mirror
 
@@ -366,11 +366,28 @@ def test_runs_of_a_sweep_are_mirrored_together_and_waited_for_once(tmp_path: Pat
     assert not (tmp_path / "three" / "tracking.log").exists()  # they have one process, hence one log
 
 
+@pytest.mark.parametrize("change", [{}, {"uri": "sqlite:///mine.db"}, {"experiment": "mine"}])
+def test_only_a_mirror_that_was_asked_for_is_waited_for(
+    change: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run whose user said nothing of tracking ends at once, and the mirror is written all the same."""
+    monkeypatch.chdir(tmp_path)
+    told = io.StringIO()
+    tracking = replace(TrackingConfig(), **change)
+    config = replace(compose(["experiment=demo", "llm=grammar"]), tracking=tracking)
+    assert compose(["experiment=demo"]).tracking == TrackingConfig()
+    build_run(tmp_path / "one", LINES)
+    with mirrored(config, RunDirectory(tmp_path / "one"), Progress(Console(file=told, width=300))):
+        pass
+    assert ("waiting" in told.getvalue()) == bool(change)
+    assert eventually(lambda: any(tmp_path.glob("*.db")), seconds=PATIENCE)
+
+
 def _finished(uri: str) -> set[str]:
     """Return the names of the finished runs in a store."""
     from mlflow import MlflowClient
 
     client = MlflowClient(uri)
-    experiment = client.get_experiment_by_name("tacevo")
-    runs = [] if experiment is None else client.search_runs([experiment.experiment_id])
+    known = client.get_experiment_by_name("tacevo")
+    runs = [] if known is None else client.search_runs([known.experiment_id])
     return {str(run.info.run_name) for run in runs if run.info.status == "FINISHED"}
