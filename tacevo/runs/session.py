@@ -492,7 +492,8 @@ class _Recorder(Watcher):
         if self._ledger.committed >= self._ledger.recorded:
             self._directory.add_timing(spent, generation=line.generation)
             write_archives(self._directory, archive_files(self._plan, state))
-        if (warning := self._usable.close(line.generation)) is not None:
+        warning = self._usable.close(line.generation)
+        if warning is not None and (self._ledger.has_grown or not self._was_finished):
             self._view.say(warning)
         # Lines that stood here before do not stop a search: whoever repeats the command wants it to go on.
         if self._ledger.has_grown and not state.is_past(self._plan):

@@ -104,6 +104,18 @@ def test_narrow_terminal_breaks_no_number() -> None:
     assert max(map(len, file.getvalue().splitlines())) <= 50
 
 
+def test_table_in_a_log_is_plain_text(capsys: pytest.CaptureFixture[str]) -> None:
+    """No marks of Markdown, and no text that begins a line of its own."""
+    table = Table(
+        name="x", caption="Of [a_b]\ndigest: 0", columns=("c *d*",), rows=(("`e`",), ("g",)), notes=("**f**",)
+    )
+    print_table(table, Console(file=io.StringIO()))
+    told = capsys.readouterr().out
+    assert "Of [a_b] digest: 0" in told.splitlines()
+    assert "| c *d* |" in told
+    assert "\\" not in told
+
+
 def test_reader_that_had_enough_is_no_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rendered import HOSTILE, meant, skeleton, words
 
-from tacevo.text import as_code, in_markdown, on_a_line
+from tacevo.text import as_code, in_markdown, on_a_line, plain
 
 #: Pages with a place for a text.
 PLACES = {
@@ -35,6 +35,26 @@ def test_text_of_a_stranger_is_text_wherever_it_stands(text: str, place: str) ->
     assert skeleton(shown) == skeleton(page.replace("{}", "word"))
     assert words(in_markdown(text)) == on_a_line(text)
     assert meant(in_markdown(text)) == ""
+
+
+@pytest.mark.parametrize(
+    ("paragraph", "expected"),
+    [
+        ("**Bold** and *slanted*, `code` and `**kept**`.", "Bold and slanted, code and **kept**."),
+        ("val_loss of 2 * 3 * 4 in <b>", "val_loss of 2 * 3 * 4 in <b>"),
+        ("See [the page](https://a.b/c) or <https://d.e>.", "See the page (https://a.b/c) or https://d.e."),
+        (r"\*not\* \`marked\`", "*not* `marked`"),
+    ],
+)
+def test_paragraph_without_its_marks(paragraph: str, expected: str) -> None:
+    """Emphasis and code lose their marks, links keep their address, and what only looks like a mark stays."""
+    assert plain(paragraph) == expected
+
+
+@given(TEXTS)
+def test_what_was_made_harmless_for_markdown_is_plain_again(text: str) -> None:
+    """A text that a summary holds is on a terminal what it was."""
+    assert on_a_line(plain(f"x {in_markdown(text)} y")) == on_a_line(f"x {text} y")
 
 
 @given(TEXTS)

@@ -56,12 +56,12 @@ def found_in_sweep(ablation: Ablation) -> str:
     others = frame[frame.index != ablation.reference]
     tested = others[others.p_holm.notna()]
     told = [
-        f"{arm} is {'better' if (difference < 0) == (metric in LESS_IS_BETTER) else 'worse'} (p {p_in_words(p)})"
+        f"{arm} is {'better' if (difference < 0) == (metric in LESS_IS_BETTER) else 'worse'} "
+        f"(p after Holm {p_in_words(p)})"
         for arm, difference, p in zip(tested.index, tested.difference, tested.p_holm, strict=True)
         if p <= ALPHA and difference
     ]
-    what = f"by {metric.value}, against {ablation.reference}, p after Holm"
     if tested.empty:
-        return f"No arm could be tested {what}."
-    arms = counted(len(tested), "arm")
-    return f"Of {arms} compared {what}: {listed(told) if told else 'none is shown to differ'}."
+        return f"No arm could be tested against {ablation.reference} by {metric.value}."
+    differ = f"By {metric.value}, {len(told) or 'none'} of {counted(len(tested), 'arm')} is shown to differ from "
+    return f"{differ}{ablation.reference}{f': {listed(told)}' if told else ''}."
