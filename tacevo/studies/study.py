@@ -346,11 +346,13 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
         job = replace(job, header=replace(job.header, data=recorded.data, other_data=recorded.other_data))
     place = f"{study.path}/study.json"
     if differing := misfits(recorded, job.header):
-        raise DivergenceError(
-            f"other values of {listed(differing)}: it was edited, or is the study of another run",
-            place=place,
-            expected="the study that follows from the run",
-        )
+        got, expected = f"other values of {listed(differing)}", "the study that follows from the run"
+        if "networks" in differing:
+            got, expected = (
+                f"{words} ({listed(one.id for one in networks)})"
+                for words, networks in ((got, recorded.networks), (expected, job.header.networks))
+            )
+        raise DivergenceError(f"{got}: it was edited, or is the study of another run", place=place, expected=expected)
     check_groups(recorded, run.facts, run.config, place)
     values = recorded.data.outputs if recorded.data.kind is Kind.regression else 0
     if len(recorded.scale) != values:
