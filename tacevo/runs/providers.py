@@ -117,6 +117,7 @@ def _described(config: RunConfig, provider: Provider, store: Store, begun: Begun
         store=store,
         mode=llm.mode,
         provider=llm.provider,
+        server=_other_server(llm),
         models={name: llm.model if llm.models is None else name for name in llm.names},
         check=check,
     )
@@ -160,6 +161,11 @@ def asks_elsewhere(llm: LLMConfig) -> bool:
 def server_of(llm: LLMConfig) -> str:
     """Return where a hosted model is asked: an address without its password, or the host of the provider's own."""
     return without_password(llm.base_url or os.environ.get(llm.facts.variable) or llm.facts.host)
+
+
+def _other_server(llm: LLMConfig) -> str:
+    """Name another server than the provider's own in records, which have no address: by a hash; else empty."""
+    return content_hash(server_of(llm).rstrip("/"))[:16] if asks_elsewhere(llm) else ""
 
 
 def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bool) -> list[str]:
@@ -265,7 +271,10 @@ def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parame
     settings = provider_settings(llm, config.own_settings(llm.provider))
     stores = Stores(Path(config.store.root))
     kinds = stores.of("models", Mode.replay), stores.of("completions", Mode.replay)
-    models = {name: known_capabilities(*kinds, llm.provider, (name, llm.max_tokens, settings)) for name in llm.names}
+    server = _other_server(llm)
+    models = {
+        name: known_capabilities(*kinds, llm.provider, (name, llm.max_tokens, settings), server) for name in llm.names
+    }
     refusals = [takes_temperature(known, settings) is False for known in models.values()]
     if temperature.carrier is Carrier.parameter and (any(refusals) if compares else all(refusals)):
         asked = llm.model if llm.models is None else llm.name
