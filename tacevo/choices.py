@@ -215,10 +215,14 @@ class Confinement(StrEnum):
 
 
 class ChosenBy(StrEnum):
-    """The quantity that chooses a study's elites: recorded fitness, or the median of a noise run's re-estimates."""
+    """The quantity that chooses a study's elites."""
 
+    #: The recorded fitness.
     fitness = "fitness"
+    #: The median of a noise run's re-estimates.
     reestimated = "reestimated"
+    #: The validation loss of one training as long as the study's, of each of several elites. One elite is chosen.
+    validated = "validated"
 
 
 class Primary(StrEnum):

@@ -15,6 +15,7 @@ from analysis.studies.comparison import compare
 from analysis.studies.reestimates import Reestimates, load_reestimates
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.table import Table
+from analysis.tables.choice import choice_table
 from analysis.tables.comparison import study_tables
 from analysis.tables.dynamics import (
     costs_table,
@@ -166,7 +167,7 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
             unread[one.path.name] = f"no re-estimates by {one.path.name}: {_reason(error, run)}"
         except RunError as error:
             (left_out if one.record.terms is None else remarks).append(f"no re-estimates: {_reason(error, run)}")
-    of_noise = [one.path.name for one in known if one.record.terms is None]
+    of_noise = [one.path.name for one in known if one.record.is_noise]
     if of_noise and "noise" in (missing := outputs(ours=True).missing):
         remarks.append(f"nothing of {listed(of_noise)}: {missing['noise']}")
     if unread:
@@ -272,7 +273,7 @@ def _numbered(tables: Iterable[Table]) -> list[Table]:
 
 
 def outcomes(run: RecordedRun, whole: Studies) -> dict[str, Table]:
-    """Return what each study and noise run of a run found in short, by the name of its directory.
+    """Return what each study, choice and noise run of a run found in short, by the name of its directory.
 
     Where the output of noise is not installed, noise runs are left out.
     """
@@ -287,7 +288,7 @@ def outcomes(run: RecordedRun, whole: Studies) -> dict[str, Table]:
             is_alone=is_alone(one.study, studies),
         )
         for one in whole.studies
-    }
+    } | {one.path.name: choice_table(one) for one in whole.finished if one.record.is_choice}
     of_noise = {name: one for name, one in again.items() if name not in tables}
     if not of_noise or "noise" in outputs(ours=True).missing:
         return tables
@@ -326,6 +327,9 @@ def tables_of(
             *known.study_tables(collection, compared, say),
         ]
         tables += [_of_study(table, compared) for table in of_study]
+    for choice in collection.finished:
+        if choice.record.is_choice:
+            tables.append(replace(choice_table(choice), name=f"{choice.path.name}/choice"))
     for one in collection.reestimates:
         of_noise = known.reestimate_tables(collection, one, say)
         tables += [replace(table, name=f"{one.name}/{table.name}") for table in of_noise]

@@ -29,6 +29,7 @@ PAPER = {
 
 #: The further ones, which lie in the directory `more`.
 FURTHER = {
+    "choice": "Which elite was handed over for a study, and by which losses?",
     "ablation_metric": "Which arms differ from the reference in this metric?",
     "ablation_settings": "In which settings do the arms differ?",
     "ablation_runs": "What did every job reach?",

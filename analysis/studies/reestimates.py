@@ -127,7 +127,7 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
         store: the directory of the stores, where a study has the losses of each epoch.
 
     Returns:
-        None where its losses are not fitnesses: other data, another recipe, or fewer epochs than the search had.
+        None where its losses are not fitnesses: other data, another recipe, fewer epochs than the search had; a choice.
 
     Raises:
         RunError: a training of the baseline failed.
@@ -181,6 +181,8 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
 def _trains_alike(header: StudyHeader, config: RunConfig, fingerprint: str) -> bool:
     """Return whether a study trains as the search did, and for as long at least."""
     training, recipe = config.training, header.recipe
+    if header.is_choice:  # its lines have the lowest loss of more epochs, after which elites are chosen
+        return False
     return recipe.epochs >= training.epochs and (
         (header.data.fingerprint, header.numerics, header.device, recipe.batch_size, recipe.learning_rate)
         == (fingerprint, config.numerics.kind, training.device, training.batch_size, training.learning_rate)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.statistics.planning import Spread, median_deviation, pooled
 from analysis.sweeps.ablation import slots_of
-from tacevo.choices import Primary
+from tacevo.choices import ChosenBy, Primary
 from tacevo.config.identity import twins_of
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
@@ -43,6 +43,8 @@ class Pilot:
     tested: float
     #: Networks of a job that are tested.
     elites: int = 1
+    #: Elites of a job that are trained once to choose the tested one; 0 where none is chosen so.
+    validated: int = 0
     #: Variants of a study, or arms beside the reference; at least 1.
     comparisons: int
     #: The epochs of each full training; None where there is none.
@@ -135,7 +137,7 @@ def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
     runs, scores = [one.run for one in jobs], [one.tested for one in jobs if one.tested is not None]
     stated = [sweep.terms.retraining for sweep in pilots] if is_tested else [None] * len(pilots)
     _check_alike([f"{sweep.task}, {_tested(terms)}" for sweep, terms in zip(pilots, stated, strict=True)])
-    elites = stated[0].elites if stated[0] is not None else 1
+    elites = stated[0].tested if stated[0] is not None else 1
     is_by_loss = elites > 1 or any(sweep.terms.primary is Primary.test_loss for sweep in pilots)
     metric = Measure.fitness
     if is_tested:
@@ -165,6 +167,7 @@ def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
         within=deviation,
         tested=_noise(metric, deviation, seeds, elites),
         elites=elites,
+        validated=stated[0].elites if stated[0] is not None and stated[0].choose is ChosenBy.validated else 0,
         comparisons=max(1, *(len(_tested_arms(sweep)) for sweep in pilots)),
         epochs=stated[0].epochs if stated[0] is not None else None,
         search_epochs=max(map(_epochs, runs)),

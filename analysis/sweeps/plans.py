@@ -106,8 +106,9 @@ def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | 
     samples = (wish.comparisons + 1) * seeds
     searches, trainings = 0, samples
     if pilot.kind == "sweep":
-        # The baseline is trained once a seed, for all arms.
+        # The baseline is trained once a seed, for all arms; for a choice, too.
         searches, trainings = samples, (samples * pilot.elites + seeds) * (retraining or 0)
+        trainings += samples * pilot.validated + seeds if pilot.validated else 0
     epochs = searches * pilot.search_epochs + trainings * (pilot.epochs or 0)
     hours = None if pilot.seconds is None else rounded(epochs * pilot.seconds / 3600)
     return {**way, "searches": searches, "trainings": trainings, "epochs": epochs, "hours": hours}

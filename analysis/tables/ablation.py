@@ -30,7 +30,11 @@ from tacevo.text import assignments, counted, listed
 _ENDS = ("median", "median_low", "median_high")
 
 #: What the network that a job found is best by.
-_CHOSEN = {ChosenBy.fitness: "fitness", ChosenBy.reestimated: "median fitness in a noise run"}
+_CHOSEN = {
+    ChosenBy.fitness: "the best fitness",
+    ChosenBy.reestimated: "the best median fitness in a noise run",
+    ChosenBy.validated: "the lowest validation loss in one training as long, with a seed that does not test",
+}
 
 #: Said of what answers cost.
 _SHARED = "Arms share recorded answers, so that a sweep paid less than the sum of its runs."
@@ -373,9 +377,10 @@ def _tested_notes(sweep: RecordedSweep) -> list[str]:
     stated = sweep.terms.retraining
     if stated is None:
         return []
-    which = "network" if stated.elites == 1 else f"{stated.elites} networks"
+    which = "network" if stated.tested == 1 else f"{stated.tested} networks"
+    among = f", of the baseline and the {stated.elites} fittest elites" if stated.elites > stated.tested else ""
     notes = [
-        f"Tested: the {which} with the best {_CHOSEN[stated.choose]}, trained for "
+        f"Tested: the {which} with {_CHOSEN[stated.choose]}{among}, trained for "
         f"{counted(stated.epochs, 'epoch')} with {counted(stated.seeds, 'fresh seed')}."
     ]
     if stated.other_device:

@@ -15,8 +15,9 @@ from analysis.studies.comparison import Verdict, deciding_p, late, of_whole
 from analysis.studies.metric_names import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.table import Cell, HalfInteger, Interval, Layout, Percent, PercentInterval, PValue, Table
+from analysis.tables.choice import chosen_note
 from analysis.tables.followed_plan import plan_notes
-from tacevo.choices import MarginKind
+from tacevo.choices import ChosenBy, MarginKind
 from tacevo.records import Kind
 from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
 from tacevo.results.trivial import at_chance, trivial_metrics, trivial_score
@@ -43,6 +44,8 @@ def study_tables(
     were studied on these data only, which the tables of scores and verdicts then warn of.
     """
     warning = (ONE_SPLIT,) if is_alone else ()
+    if study.choose is ChosenBy.validated:  # of noise runs, tables of earlier releases say nothing
+        warning = (*warning, *chosen_note(study))
     scores = scores_table(study)
     tables = [replace(scores, notes=(*scores.notes, *warning, *plan_notes(study.plan))), metrics_table(study)]
     if comparisons is not None:

@@ -11,6 +11,7 @@ from analysis.studies.metric_names import SHARES, metric_name
 from analysis.studies.reestimates import Reestimates
 from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Cell, Percent, PercentInterval, Table
+from analysis.tables.choice import chosen_note
 from analysis.tables.comparison import score_cell, verdict_in_words
 from tacevo.results.grouped import images_tested
 from tacevo.results.study import RecordedStudy
@@ -70,7 +71,7 @@ def study_outcome(
             *caution_notes((name, [few]) for name, told in cautions.items() if few in told),
             *([_ONE_SPLIT] if is_alone else []),
             _fitness(again),
-            *([f"Elites chosen by the noise run with the digest {study.chosen_by[:12]}."] if study.chosen_by else []),
+            *chosen_note(study),
         ),
     )
 

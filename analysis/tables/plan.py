@@ -15,6 +15,12 @@ _BY_FITNESS = (
 )
 
 
+_CHOICE = (
+    "The tested network of each job is chosen among {elites} by one training of each, and of the baseline: full "
+    "trainings count these, too."
+)
+
+
 def plan_table(planned: Planned) -> Table:
     """Show what each way needs and costs."""
     pilot, wish = planned.pilot, planned.wish
@@ -45,6 +51,7 @@ def plan_table(planned: Planned) -> Table:
             f"limit of the pilot's, {shown(pilot.spread.deviation)} with {counted(pilot.spread.freedom, 'degree')} of "
             f"freedom, below which the true one lies with a confidence of {shown(Percent(CONFIDENCE))}.",
             *([f"Tested: {pilot.elites} networks of each job, so often each."] if pilot.elites > 1 else []),
+            *([_CHOICE.format(elites=counted(pilot.validated, "elite"))] if pilot.validated else []),
             *_between_note(pilot),
             "Epochs: of all trainings. Hours: these epochs on one worker of the pilot's machine, as fast as the "
             "pilot's candidates were gated and trained; without the answers.",

@@ -215,13 +215,20 @@ class Run:
     def studies(self) -> Studies:
         """The run's whole studies and noise runs: first those on the run's data, of these first on its device.
 
+        Choices (`Study.is_choice`) come last.
         Printed, they say why others were left out.
         """
         collection = self.collection
         compared = {one.name: one for one in collection.studies}
         again = {one.name: one for one in collection.reestimates}
-        known = [one for one in collection.finished if one.path.name in compared.keys() | again.keys()]
-        known.sort(key=lambda one: (bool(one.record.other_data), bool(one.record.other_device), one.path.name))
+        shown = compared.keys() | again.keys()
+        known = [one for one in collection.finished if one.record.is_choice or one.path.name in shown]
+        known.sort(
+            key=lambda one: (
+                *(one.record.is_choice, bool(one.record.other_data), bool(one.record.other_device)),
+                one.path.name,
+            )
+        )
         studies = Studies(
             Study(
                 self.recorded,

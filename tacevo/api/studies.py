@@ -22,13 +22,14 @@ from tacevo.results.study import as_study
 from tacevo.results.study_directory import FinishedStudy
 from tacevo.results.study_lines import FailedLine, Row
 from tacevo.rounding import rounded
+from tacevo.text import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 class Study:
-    """A finished study: networks of a run, each trained again with several seeds; unless it is a noise run, tested."""
+    """A finished study: networks of a run, trained again with several seeds and tested; or a noise run, or a choice."""
 
     def __init__(
         self,
@@ -59,7 +60,7 @@ class Study:
 
     @property
     def recorded(self) -> Scored:
-        """The content of the study's files; raises RunError of a noise run, which has no test scores."""
+        """The content of the study's files; raises RunError of a noise run or a choice, which have no test scores."""
         return as_study(self._finished)
 
     @property
@@ -70,7 +71,12 @@ class Study:
     @property
     def is_noise(self) -> bool:
         """Whether it trains as the search did and tests nothing (`tacevo noise`)."""
-        return self._finished.record.terms is None
+        return self._finished.record.is_noise
+
+    @property
+    def is_choice(self) -> bool:
+        """Whether its trainings, one of each elite, chose the network of another study (`choose=validated`)."""
+        return self._finished.record.is_choice
 
     @property
     def networks(self) -> pd.DataFrame:
@@ -107,6 +113,8 @@ class Study:
         """The error that says why the study has no verdicts."""
         if self.is_noise:
             return "a noise run tests nothing; `reestimates` has what it found"
+        if self.is_choice:
+            return "a choice tests nothing; `scores` has its validation losses"
         return self._left_out if self._compared is None else self._compared.uncompared
 
     @property
@@ -133,8 +141,8 @@ class Study:
 
     def __repr__(self) -> str:
         header = self._finished.header
-        what = "noise run" if self.is_noise else "study"
-        facts = f"{what} {self.name}: {len(header.networks)} networks, {header.seeds} seeds"
+        seeds = counted(header.seeds, "seed")
+        facts = f"{header.what} {self.name}: {len(header.networks)} networks, {seeds}"
         return "; ".join([f"<{facts}", *([self._unread] if self._unread else [])]) + ">"
 
     def _repr_html_(self) -> str:

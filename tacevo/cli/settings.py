@@ -13,7 +13,8 @@ STUDY = {
     "networks": "files of networks, directories and patterns of such; none for the baseline of task= alone",
     "arms": "those of sweep= whose jobs are studied, as in arms=none,drift (all)",
     "elites": "how many elites of run=, best first, beside the baseline (4)",
-    "choose": "best by: fitness (recorded), or reestimated (by `tacevo noise`); the first unless set",
+    "choose": "best by: fitness (recorded), or reestimated (by `tacevo noise`); or validated: of elites= one, by a "
+    "training of each with a seed of its own; the first unless set",
     "seeds": "training seeds of each network (20)",
     "epochs": "of each training; the weights of the best validation epoch are tested (50)",
     "seconds": "the longest time of one training (86400)",

@@ -176,7 +176,9 @@ def report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[s
 
 
 def introduce(studied: Studied, what: str) -> None:
-    """Print where a study, or what it is called, lies, and how much of it was trained now."""
+    """Print where a study, or what it is called, lies, and how much of it was trained now; before it, its choice."""
+    if studied.choice is not None:
+        introduce(studied.choice, "choice")
     before = f", {studied.recorded} of them recorded already" if studied.recorded else ""
     twice = f", {studied.twice} of them made twice, as above" if studied.twice else ""
     tell(f"{what}: {studied.directory} ({counted(studied.trainings, 'training')}{before}{twice})")

@@ -16,7 +16,7 @@ from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
-from tacevo.choices import Device
+from tacevo.choices import ChosenBy, Device
 from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.chosen import UNGIVEN, check_parts, name_file, names_open, open_parts
 from tacevo.config.composition import composed, laid_over, parsed
@@ -180,7 +180,7 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
 
     Raises:
         ConfigError: as `compose`; or not exactly one of run, sweep and networks is named; or a plan beside a sweep, or
-            arms without one.
+            arms without one; or one elite is to be chosen among fewer than two.
     """
     config = _compose_command("study", StudyConfig, [*map(_as_list, overrides)])
     named = {"run": config.run, "sweep": config.sweep, "networks": ", ".join(config.networks)}
@@ -190,6 +190,11 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
         expected = "the directory of a finished run, as in run=runs/NAME, or in its place sweep= or networks="
         remedy = "for a baseline alone, name a task, as in task=hardness"
         raise ConfigError(got, place="run", expected=expected, remedy=remedy)
+    if config.sweep is not None and not any(override.startswith("elites=") for override in overrides):
+        config = replace(config, elites=1)
+    if config.choose is ChosenBy.validated and config.elites < 2:
+        expected = "at least 2 with choose=validated, which takes one of them"
+        raise ConfigError(str(config.elites), place="elites", expected=expected)
     if config.sweep is None:
         if config.arms:
             raise ConfigError(listed(config.arms), place="arms", expected="no value without sweep=")
@@ -197,7 +202,7 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
     if config.plan is not None:
         remedy = "a sweep states its plan when it begins: `tacevo search -m ... --plan FILE`"
         raise ConfigError(config.plan, place="plan", expected="no value with sweep=", remedy=remedy)
-    return config if any(override.startswith("elites=") for override in overrides) else replace(config, elites=1)
+    return config
 
 
 def compose_elsewhere(config: RunConfig, overrides: Sequence[str]) -> RunConfig:

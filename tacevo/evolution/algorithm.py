@@ -41,7 +41,7 @@ from tacevo.evolution.proposals import (
 from tacevo.evolution.state import LedgerWriter, Observer, Plan, SearchState
 from tacevo.evolution.temperatures import clip
 from tacevo.parts import Generation, Population, Trial
-from tacevo.records import Operator, Rejection, Task, Training, to_json
+from tacevo.records import Operator, Rejection, Training, to_json
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
 
@@ -74,7 +74,7 @@ def step(state: SearchState, plan: Plan, effects: Effects, ledger: LedgerWriter,
         skips=None if plan.skipping is None else plan.skipping.skips(state.candidates.values()),
     )
     for outcome in outcomes:
-        check_given(outcome, plan.task)
+        check_given(outcome, plan)
         observer.developed(outcome)
         state, line = fold(state, plan, outcome)
         lines.append(line)
@@ -86,16 +86,16 @@ def step(state: SearchState, plan: Plan, effects: Effects, ledger: LedgerWriter,
     return state
 
 
-def check_given(outcome: Outcome, task: Task) -> None:
+def check_given(outcome: Outcome, plan: Plan) -> None:
     """Refuse a baseline, or another network of the user's, that does not train."""
-    proposal, result = outcome.proposal, outcome.result
+    proposal, result, task = outcome.proposal, outcome.result, plan.task
     if proposal.request is None and isinstance(result, Rejection):
         is_baseline = proposal.operator is Operator.baseline
         raise ConfigError(
             f"one that is rejected: {result.stage}, {result.reason}: {result.detail}",
             place=f"task.baseline of task {task.name}"
             if is_baseline
-            else f"networks, {task.given[proposal.slot - 1].name}",
+            else f"{plan.given_by}, {task.given[proposal.slot - 1].name}",
             expected="a network that trains",
         )
 

@@ -61,6 +61,8 @@ class Plan:
     temperature_start: float
     #: The number of times that an answer is sent back which the gate rejected.
     repairs: int = 0
+    #: The setting that names the networks of a task that are given, for errors.
+    given_by: str = "networks"
     #: The budget that ends the search before generation G; None without one.
     budget: Budget | None = None
     #: The rule that makes the fitness of a training from its losses.

@@ -18,7 +18,6 @@ from tacevo.evolution.lines import CandidateLine, of_training
 from tacevo.export.epochs import EpochCount
 from tacevo.parts.kinds import FITNESS
 from tacevo.parts.registry import of_settings
-from tacevo.randomness import derived_seed
 from tacevo.records import Mode, Record, Rejection, Training
 from tacevo.reproduce.retrain import doubts_of
 from tacevo.results.run import RecordedRun
@@ -26,7 +25,7 @@ from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.results.study_lines import Row, ScoreLine
 from tacevo.rules import CHOSEN_SINCE, KEPT_SINCE, STUDY, TRAININGS, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.progress import Progress
-from tacevo.runs.seeds import training_seed
+from tacevo.runs.seeds import study_seed, training_seed
 from tacevo.runs.wiring import Workbench, trained_by
 from tacevo.storage.array_store import digest_of
 from tacevo.storage.store import Stores
@@ -125,7 +124,7 @@ def design(
         seeds = tuple(training_seed(config.seed, number) for number in range(settings.seeds))
         rules = run.rules.training
     else:
-        seeds = tuple(derived_seed(config.seed, "study", number) for number in range(settings.seeds))
+        seeds = tuple(study_seed(config.seed, number) for number in range(settings.seeds))
         fitting = [pair for pair in studies if settings.epochs in {None, pair[0].record.recipe.epochs}]
         study, missing = fitting[0] if fitting else (None, "")
         if study is None:

@@ -81,34 +81,48 @@ def _with_temperature(told: Capabilities) -> Capabilities:
     return replace(told, temperature=False) if Thinking.adaptive in kinds and BUDGETED not in kinds else told
 
 
-def question(provider: str, model: str) -> Json:
-    """Return the request under which the store `models` has what a provider told of a model."""
-    return {"provider": provider, "model": model}
+def question(provider: str, model: str, server: str = "") -> Json:
+    """Return the request under which the store `models` has what a provider told of a model.
+
+    `server` names another server than the provider's own, which may know another model by that name.
+    """
+    return {"provider": provider, "model": model} | ({"server": server} if server else {})
 
 
-def recorded_capabilities(store: Store, provider: str, model: str) -> Capabilities | None:
+def recorded_capabilities(store: Store, provider: str, model: str, server: str | None = None) -> Capabilities | None:
     """Return what a server told of a model in this run or an earlier one, whatever the mode; None where nothing is.
+
+    Without `server`, as in a replay, which asks none and may not know the address: of the provider's own, or else of
+    any other.
 
     Raises:
         StoreError: the entry is damaged.
     """
-    asked = question(provider, model)
+    asked = question(provider, model, server or "")
     told = store.read(asked)
+    if told is None and server is None:
+        for entry in store.sound():
+            other = str(_mapping(entry.request).get("server", ""))
+            if told is None and entry.request == question(provider, model, other):
+                asked, told = entry.request, store.read(entry.request)
     if told is None:
         return None
     place = f"{store.path(store.key(asked))}, answer"
     return _with_temperature(convert(Capabilities, told, place=place, error=StoreError, remedy="delete that file"))
 
 
-def known_capabilities(models: Store, completions: Store, provider: str, chosen: Choice) -> Capabilities:
+def known_capabilities(
+    models: Store, completions: Store, provider: str, chosen: Choice, server: str | None = None
+) -> Capabilities:
     """Return what is known of a model, by what its server told and by how it answered requests of this choice.
 
     Answers weigh more than what follows from the Models API: where one was given with a temperature, it takes one.
+    `server` is as of `recorded_capabilities`.
 
     Raises:
         StoreError: the entry of the model is damaged.
     """
-    told = recorded_capabilities(models, provider, chosen[0]) or Capabilities()
+    told = recorded_capabilities(models, provider, chosen[0], server) or Capabilities()
     taken = temperature_taken(completions, chosen)
     return told if taken is None else replace(told, temperature=taken)
 

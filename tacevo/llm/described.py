@@ -24,8 +24,9 @@ class DescribedLLM:
     #: The store `models`.
     store: Store
     mode: Mode
-    #: The name of the provider.
+    #: The name of the provider, and that of another server than its own; empty for its own.
     provider: str
+    server: str = ""
     #: The models that are asked: by their names in records those at the server.
     models: Mapping[str, str]
     #: Called once, with what is known of each model; raises where a setting cannot act.
@@ -48,11 +49,12 @@ class DescribedLLM:
         """Return what an earlier run was told, or else ask; only what a server tells is recorded."""
         known = None
         if self.mode is not Mode.live:
-            known = recorded_capabilities(self.store, self.provider, model)
+            known = recorded_capabilities(self.store, self.provider, model, self.server)
         if self.catalogue is None:
             return known or Capabilities()
         if known is None:
             known = read_capabilities(self.catalogue.ask(served_as))
             if known != Capabilities():
-                self.store.keep(question(self.provider, model), to_json(replace(known, temperature=None)))
+                asked = question(self.provider, model, self.server)
+                self.store.keep(asked, to_json(replace(known, temperature=None)))
         return known if known.retires else replace(known, retires=self.catalogue.end(served_as))

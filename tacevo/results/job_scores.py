@@ -79,8 +79,8 @@ def job_score(run: RecordedRun, stated: Retraining) -> JobScore:
         if record.run == run.digest and record.digest is not None and is_stated(record, stated):
             try:
                 study = directory.read_finished()
-                if len(study.header.networks) > min(stated.elites, _offered(run, study.header)):
-                    sound.append(_score(run, study.header, study.rows, stated.elites))
+                if len(study.header.networks) > min(stated.tested, _offered(run, study.header)):
+                    sound.append(_score(run, study.header, study.rows, stated.tested))
             except RunError as error:
                 faults.append(error)
     if not sound and faults:
@@ -143,7 +143,7 @@ def _score(run: RecordedRun, study: Design, rows: Sequence[Row], count: int) -> 
 def _offered(run: RecordedRun, study: Design) -> int:
     """Count the elites that a study could choose from: those of different sources that are not the baseline's."""
     sources = {candidate.id: candidate.source for candidate in run.candidates}
-    known = estimates_of(run.path, study.chosen_by) if study.chosen_by else run.fitness
+    known = estimates_of(run.path, study) if study.chosen_by else run.fitness
     entries = [(known[elite.id], elite.id, sources[elite.id]) for elite in run.elites if elite.id in known]
     return len(best_distinct(entries, run.baseline.source))
 
@@ -152,4 +152,4 @@ def _fitness(run: RecordedRun, study: Design) -> Mapping[str, float]:
     """Return what the networks of a study were chosen by."""
     if not study.chosen_by:
         return {network.id: network.fitness for network in study.networks}
-    return estimates_of(run.path, study.chosen_by)
+    return estimates_of(run.path, study)

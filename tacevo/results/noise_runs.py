@@ -29,4 +29,4 @@ def noise_digest(run: RecordedRun) -> str:
 def noise_runs(run: RecordedRun) -> list[StudyRecord]:
     """List the finished noise runs of a run as it is now, by name."""
     every = [directory.read() for directory in studies_of(run.directory.path)]
-    return [one for one in every if one.terms is None and one.digest is not None and one.run == run.ledger.digest]
+    return [one for one in every if one.is_noise and one.digest is not None and one.run == run.ledger.digest]

@@ -35,7 +35,7 @@ LOWER_IS_BETTER = {"mse": True, "accuracy": False}
 class RecordedStudy(Design):
     """A finished study as statistics use it: its design and one score for each network and seed."""
 
-    #: The level and the margin by which it is judged; a noise run has none, and is not a study.
+    #: The level and the margin by which it is judged; what has none is not a study.
     terms: StudyTerms
     #: The units of the recording, one for each regressed value, empty where none is stated; () for classification.
     units: tuple[str, ...]
@@ -102,13 +102,14 @@ def as_study(finished: FinishedStudy) -> RecordedStudy:
     """Return a study whose files were read.
 
     Raises:
-        RunError: it is a noise run, or not one score for each network and seed; the message names the rows.
+        RunError: it tests nothing, or has not one score for each network and seed; the message names the rows.
     """
     path, record, header = finished.path, finished.record, finished.header
     _check_failed(path, [row for row in finished.rows if isinstance(row, FailedLine)])
     facts = header.data
     if header.terms is None:
-        raise RunError("a noise run, which has none", place=str(path), expected="a study with test scores")
+        got = f"a {header.what}, which has none"
+        raise RunError(got, place=str(path), expected="a study with test scores")
     for name in ("units", "scale"):
         given: tuple[object, ...] = getattr(record, name)
         if len(given) not in {0, len(facts.names)}:

@@ -28,7 +28,7 @@ from tacevo.text import as_overrides, counted, listed
 from tacevo.typed import parse
 
 #: The names that `study_names` returns, as a regular expression.
-NAME = r"(?:elites|networks|noise)\d+-seeds\d+-epochs\d+-(?:[A-Za-z0-9._-]+-)?[0-9a-f]{8}"
+NAME = r"(?:elites|networks|noise|choice)\d+-seeds\d+-epochs\d+-(?:[A-Za-z0-9._-]+-)?[0-9a-f]{8}"
 
 #: The most characters of a directory's name for the settings in which a study differs from its run: today's limit, then
 #: that of earlier releases.
@@ -192,13 +192,18 @@ def _continues(study: StudyRecord) -> str:
     settings = {"elites": len(study.networks) - 1, "seeds": study.seeds}
     if study.name.startswith("networks"):  # which were given, and all of them are studied
         del settings["elites"]
-    if study.terms is not None:
+    if study.validated:
+        settings["elites"] = study.validated
+    if study.is_choice:  # the study that follows has seeds, which nobody knows yet
+        del settings["seeds"]
+    if not study.is_noise:
         settings["epochs"] = study.recipe.epochs
     words = [f"{key}={value}" for key, value in settings.items()]
-    words += ["choose=reestimated"] if study.chosen_by else []
+    choose = ChosenBy.validated if study.is_choice else study.choose
+    words += [f"choose={choose}"] if choose is not ChosenBy.fitness else []
     other = [*((f"data.{name}", value) for name, value in study.other_data), *study.other_device]
     words += as_overrides(other)
-    command = "noise" if study.terms is None else "study"
+    command = "noise" if study.is_noise else "study"
     return f"`tacevo {command} RUN {shlex.join(words)}`, with what else was set, continues it; or delete it"
 
 
@@ -214,7 +219,9 @@ def study_names(header: StudyHeader, *, searched: bool) -> tuple[str, ...]:
         header: of the study.
         searched: whether its run searched; the networks of other runs were given, which earlier releases called elites.
     """
-    kinds = ("noise",) if header.terms is None else ("elites",) if searched else ("networks", "elites")
+    kinds: tuple[str, ...] = ("elites",) if searched else ("networks", "elites")
+    if header.terms is None:
+        kinds = ("choice",) if header.is_choice else ("noise",)
     where = f"{header.where}, {header.device}" if header.other_device else header.where
     where = re.sub(r"[^A-Za-z0-9._]+", "-", where).lstrip("-")
     size = f"{len(header.networks) - 1}-seeds{header.seeds}-epochs{header.recipe.epochs}"
@@ -240,16 +247,16 @@ def misfits(study: StudyRecord, header: StudyHeader) -> list[str]:
 
 
 def is_stated(study: Design, retraining: Retraining) -> bool:
-    """Return whether a study tests networks of a job as its sweep states, however many.
+    """Return whether a study tests networks of a job as its sweep states, however many; of the chosen one, of how many.
 
     One on other data than the run's is never meant: jobs are compared on their own.
     """
-    choose = ChosenBy.reestimated if study.chosen_by else ChosenBy.fitness
     settings = replace(
         retraining,
+        elites=study.validated or retraining.elites,
         seeds=study.seeds,
         epochs=study.recipe.epochs,
-        choose=choose,
+        choose=study.choose,
         other_device=study.other_device,
     )
     return study.terms is not None and not study.other_data and settings == retraining
@@ -264,27 +271,43 @@ def _row(lines: Sequence[StudyHeader | Row]) -> str:
     return f"line {len(lines) + 1}" if lines else "the header"
 
 
-def estimates_of(run: Path, digest: str) -> dict[str, float]:
-    """Return the re-estimated fitness of the networks of a noise run, by id: the median over its seeds.
+def estimates_of(run: Path, study: Design) -> dict[str, float]:
+    """Return the losses that the elites of a study were chosen by, by id, where these are not their recorded fitness.
 
-    A network is left out where one of its trainings failed.
+    Of a noise run that is the median over its seeds; of a choice, the lowest validation loss of its one training. A
+    network is left out where one of its trainings failed.
 
     Args:
         run: its directory.
-        digest: of the noise run.
+        study: the study, which names what chose by its digest.
 
     Raises:
-        RunError: the run does not have it, or it was edited.
+        RunError: the run does not have that, or it was edited; or it is nothing that such a study is chosen by.
     """
     for directory in studies_of(run):
-        if directory.read().digest == digest:
+        if (record := directory.read()).digest == study.chosen_by:
+            _check_choosing(record, study, str(directory.path))
             losses: dict[str, list[float]] = {}
             for row in directory.read_finished().rows:
                 losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
             return {name: median(values) for name, values in losses.items() if max(values) < math.inf}
+    what, again = ("choice", "tacevo study") if study.validated else ("noise run", "tacevo noise")
     raise RunError(
         f"studies of the digests {listed(str(each.read().digest)[:12] for each in studies_of(run))}",
         place=f"{run}/studies",
-        expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
-        remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
+        expected=f"the {what} {study.chosen_by[:12]} that the elites of a study were chosen by",
+        remedy=f"`{again}` with its settings makes it again; of a bundle, publish both",
     )
+
+
+def _check_choosing(record: StudyRecord, study: Design, place: str) -> None:
+    """Check that a record may choose the elites of a study: about the same run, and by seeds that do not test."""
+    wanted: dict[str, object] = {"run": study.run, "terms": None, "validated": study.validated, "other_data": ()}
+    if study.validated:
+        alike = ("recipe", "numerics", "device", "other_device")
+        wanted |= {"seeds": 1} | {name: getattr(study, name) for name in alike}
+    for name, value in wanted.items():
+        if (got := getattr(record, name)) != value:
+            what = "the choice" if study.validated else "a noise run"
+            expected = f"{value}, as of {what} that the elites of such a study are chosen by"
+            raise RunError(f"{got}", place=f"{place}/study.json, {name}", expected=expected)

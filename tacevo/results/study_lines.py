@@ -7,11 +7,11 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 from annotated_types import Ge, Gt, Lt
 
-from tacevo.choices import Device, Numerics
+from tacevo.choices import ChosenBy, Device, Numerics
 from tacevo.config.study import Margin
 from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
 from tacevo.rounding import rounded
@@ -61,6 +61,8 @@ class StudyNetwork(Record):
 class Design(Record):
     """All that the scores of a study follow from, and the terms by which they are judged."""
 
+    LATER: ClassVar[frozenset[str]] = frozenset({"validated"})
+
     #: Digest of the run.
     run: str
     task: str
@@ -71,20 +73,48 @@ class Design(Record):
     device: Device
     #: S, the number of training seeds of each network.
     seeds: Annotated[int, Ge(1)]
-    #: None for a noise run, which trains as the search did and takes no test score.
+    #: None for what takes no test score: a noise run, which trains as the search did, and a choice (`is_choice`).
     terms: StudyTerms | None = None
     #: The baseline first.
     networks: tuple[StudyNetwork, ...]
-    #: Digest of the noise run by whose re-estimates the elites were chosen; empty if by their recorded fitness.
+    #: Digest of the noise run, or of the choice, by whose losses the elites were chosen; empty if by recorded fitness.
     chosen_by: str = ""
     #: (name, value) of the settings that are not the run's, where the study is about other data than the run had.
     other_data: tuple[tuple[str, FreeJson], ...] = ()
     #: The plan that the study follows; None where nothing was planned.
     plan: SeedPlan | None = None
-    #: Number of the full trainings; of a noise run, of the search's trainings.
+    #: Number of the full trainings; where nothing is tested, of the search's trainings.
     rules: int = FIRST_STUDY
     #: (name, value) of the settings of numerics and device that are not the run's, as `training.device`.
     other_device: tuple[tuple[str, FreeJson], ...] = ()
+    #: K, how many elites, at most, were each trained once to choose one of them: of the choice, and of the study of the
+    #: chosen one. 0 of all others.
+    validated: Annotated[int, Ge(0)] = 0
+
+    @property
+    def is_choice(self) -> bool:
+        """Whether these are the trainings that chose the elite of another study: long as that study's, and not tested.
+
+        They have one seed, which no study tests with.
+        """
+        return self.terms is None and self.validated > 0
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether this is a noise run."""
+        return self.terms is None and not self.validated
+
+    @property
+    def what(self) -> str:
+        """The kind of these trainings, in words."""
+        return "choice" if self.is_choice else "noise run" if self.is_noise else "study"
+
+    @property
+    def choose(self) -> ChosenBy:
+        """The quantity by which the elites were chosen."""
+        if self.validated and not self.is_choice:
+            return ChosenBy.validated
+        return ChosenBy.reestimated if self.chosen_by else ChosenBy.fitness
 
     @property
     def where(self) -> str:
@@ -140,16 +170,17 @@ class ScoreLine(Record):
     epoch: int
     #: The validation loss after that epoch; of a noise run the fitness.
     validation_loss: float
-    #: The test metrics by name; empty for a noise run.
+    #: The test metrics by name; empty where nothing is tested.
     metrics: dict[str, float]
-    #: The number of test images by (true class, predicted class); None for regression, and for a noise run.
+    #: The number of test images by (true class, predicted class); None for regression, and where nothing is tested.
     confusion: tuple[tuple[int, ...], ...] | None
     predictions: str
     weights: str
     not_deterministic: tuple[str, ...] = ()
     #: True where its steps were recorded once on a GPU and replayed; None on a CPU.
     captured: bool | None = None
-    #: The test predictions in the store; None for a noise run, and under the rules before `tacevo.rules.KEPT_SINCE`.
+    #: The test predictions in the store; None where nothing is tested, and under the rules before
+    #: `tacevo.rules.KEPT_SINCE`.
     kept: StoredPredictions | None = None
     kind: Literal["score"] = "score"
 

@@ -30,7 +30,7 @@ from tacevo.llm.capabilities import (
 )
 from tacevo.llm.described import DescribedLLM
 from tacevo.llm.prices import PriceTable, line_to_add
-from tacevo.llm.recording import RecordingLLM
+from tacevo.llm.recording import RecordingLLM, temperature_taken
 from tacevo.parts.kinds import PROVIDERS
 from tacevo.parts.provider import Provider
 from tacevo.records import Completion, Json, LongPrompts, Mode, Price, Request, Setting, to_json
@@ -49,11 +49,22 @@ CARRIER = f"{TEMPERATURE}.carrier"
 _THINKING = {BUDGETED: "a number of tokens"}
 
 
-def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) -> LLM:
+@dataclass(slots=True)
+class Begun:
+    """Whether a run was begun without its temperature, because its model refuses it; such a run goes on so."""
+
+    is_without: bool = False
+
+    def note(self, completion: Completion) -> None:
+        """Note an answer, recorded or new."""
+        self.is_without |= TEMPERATURE in completion.dropped
+
+
+def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None, begun: Begun | None = None) -> LLM:
     """Put the store before the provider, and the budget between them; in a replay there is no provider.
 
     In another mode than `replay` the completions follow `llm.mode`; without `stores` they are where the configuration
-    says.
+    says. Who begins the run says in `begun` whether it goes without its temperature.
 
     Raises:
         ConfigError: a key, an extra, a model or a price is missing.
@@ -67,7 +78,7 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
         return RecordingLLM(None, stores.of("completions", Mode.replay))
     prices = prices_of(llm)
     provider: Provider = part_of(config, PROVIDERS, prices=prices)
-    account, begun = Account(prices.price_of), _Begun()
+    account, begun = Account(prices.price_of), begun or Begun()
     provider = _described(config, provider, stores.of("models", llm.mode), begun)
     if llm.budget_usd is not None:
         known = {name: _price(llm, name, prices) for name in llm.names}
@@ -88,18 +99,7 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
     )
 
 
-@dataclass(slots=True)
-class _Begun:
-    """Whether an answer of a run came without the temperature, because its model refuses it; such a run goes on so."""
-
-    is_without: bool = False
-
-    def note(self, completion: Completion) -> None:
-        """Note an answer, recorded or new."""
-        self.is_without |= TEMPERATURE in completion.dropped
-
-
-def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begun) -> Provider:
+def _described(config: RunConfig, provider: Provider, store: Store, begun: Begun) -> Provider:
     """Let a hosted provider of ours be asked only once what its model takes has been checked."""
     llm = config.llm
     if not llm.facts.host:
@@ -117,6 +117,7 @@ def _described(config: RunConfig, provider: Provider, store: Store, begun: _Begu
         store=store,
         mode=llm.mode,
         provider=llm.provider,
+        server=_other_server(llm),
         models={name: llm.model if llm.models is None else name for name in llm.names},
         check=check,
     )
@@ -160,6 +161,11 @@ def asks_elsewhere(llm: LLMConfig) -> bool:
 def server_of(llm: LLMConfig) -> str:
     """Return where a hosted model is asked: an address without its password, or the host of the provider's own."""
     return without_password(llm.base_url or os.environ.get(llm.facts.variable) or llm.facts.host)
+
+
+def _other_server(llm: LLMConfig) -> str:
+    """Name another server than the provider's own in records, which have no address: by a hash; else empty."""
+    return content_hash(server_of(llm).rstrip("/"))[:16] if asks_elsewhere(llm) else ""
 
 
 def asked_next(llm: LLMConfig, *, requests: int, before: Spending, elsewhere: bool) -> list[str]:
@@ -265,7 +271,10 @@ def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parame
     settings = provider_settings(llm, config.own_settings(llm.provider))
     stores = Stores(Path(config.store.root))
     kinds = stores.of("models", Mode.replay), stores.of("completions", Mode.replay)
-    models = {name: known_capabilities(*kinds, llm.provider, (name, llm.max_tokens, settings)) for name in llm.names}
+    server = _other_server(llm)
+    models = {
+        name: known_capabilities(*kinds, llm.provider, (name, llm.max_tokens, settings), server) for name in llm.names
+    }
     refusals = [takes_temperature(known, settings) is False for known in models.values()]
     if temperature.carrier is Carrier.parameter and (any(refusals) if compares else all(refusals)):
         asked = llm.model if llm.models is None else llm.name
@@ -290,6 +299,16 @@ def check_carrier(config: RunConfig, *, place: str = f"{CARRIER}={Carrier.parame
                 expected=f"some of {listed(taken)}" if taken else "a model with efforts",
                 remedy=several if len(taken) > 1 else f"set {CARRIER}=words or none",
             )
+
+
+def answered_without(config: RunConfig) -> bool:
+    """Answer whether recorded answers of a search's models came without the temperature that they were asked with."""
+    llm = config.llm
+    if not llm.facts.host:
+        return False
+    settings = provider_settings(llm, config.own_settings(llm.provider))
+    store = Stores(Path(config.store.root)).of("completions", Mode.replay)
+    return all(temperature_taken(store, (name, llm.max_tokens, settings)) is False for name in llm.names)
 
 
 def provider_settings(llm: LLMConfig, own: Mapping[str, Json] | None = None) -> tuple[tuple[str, Setting], ...]:

@@ -11,3 +11,13 @@ def training_seed(seed: int, number: int) -> int:
 def noise_seed(seed: int, number: int) -> int:
     """Return the training seed of a number, from 0, of the noise runs of a run's seed."""
     return derived_seed(seed, "noise", number)
+
+
+def choice_seed(seed: int) -> int:
+    """Return the training seed by which one elite of a run's seed is chosen; no study tests with it."""
+    return derived_seed(seed, "choice")
+
+
+def study_seed(seed: int, number: int) -> int:
+    """Return the training seed of a number, from 0, of the studies of a run's seed."""
+    return derived_seed(seed, "study", number)

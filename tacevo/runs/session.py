@@ -38,8 +38,9 @@ from tacevo.runs.decisions import Decisions, Parts
 from tacevo.runs.given_networks import admitted_networks
 from tacevo.runs.local import crowded, trainings_at_once
 from tacevo.runs.progress import FINISHED_BEFORE, Progress, Watcher
-from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
+from tacevo.runs.providers import Begun, asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
+from tacevo.runs.unsent import recalled_without
 from tacevo.runs.wiring import Workbench, build_plan, check_means, skipping_of, started_ahead, stores_of
 from tacevo.sandbox.client import RunJob
 from tacevo.storage.canonical import content_hash
@@ -79,7 +80,8 @@ def search(config: RunConfig, view: Progress) -> Result:
         TacevoError: see its subclasses; what was computed so far is kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    llm = needed_llm(config)
+    begun = Begun()
+    llm = needed_llm(config, begun)
     with started_ahead(config) as started:
         data = load_data(config, view)
         task = load_task(config, data.facts)
@@ -88,18 +90,20 @@ def search(config: RunConfig, view: Progress) -> Result:
             task = replace(task, given=admitted_networks(config, task, data, files, "search.networks"))
         for warning in [*crowded(config), *warnings_of(config, task, data)]:
             view.say(f"warning: {warning}")
-        return record(config, task, data, view, started=started, llm=llm)
+        return record(config, task, data, view, started=started, llm=llm, went=begun)
 
 
-def needed_llm(config: RunConfig) -> LLM:
+def needed_llm(config: RunConfig, begun: Begun | None = None) -> LLM:
     """Check, before anything is made, that this machine has what a search needs; return its model.
+
+    `begun` is as of `build_llm`.
 
     Raises:
         SandboxError: as `check_means`.
         ConfigError: as `check_means`; the model's key is missing; or a part is.
     """
     check_needed(config)
-    return build_llm(config, Mode.record)
+    return build_llm(config, Mode.record, begun=begun)
 
 
 def check_needed(config: RunConfig) -> None:
@@ -125,19 +129,22 @@ def record(
     started: Any = None,
     llm: LLM | None = None,
     parts_of: Path | None = None,
+    went: Begun | None = None,
 ) -> Result:
     """Run a search into its run directory, or resume the one that was begun there.
 
     `begun` is the ledger of another run that this one continues; the search is compared with its lines as with those
     of a stopped run. `run`, `started` and `llm` are as of `Workbench`. The sources of parts that a user brought are
-    those of the run `parts_of`, or else those that composing read.
+    those of the run `parts_of`, or else those that composing read. `went` is what `llm` was built with: whether the run
+    goes without its temperature is written there before the first request.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
     """
     with Decisions(stores_of(config).of("decisions", Mode.record)) as decisions:
         parts = Parts.of(config, decisions, parts_of)
-        return _record(config, task, data, view, parts, begun=begun, run=run, started=started, llm=llm)
+        went = went or Begun()
+        return _record(config, task, data, view, parts, begun=begun, run=run, started=started, llm=llm, went=went)
 
 
 def _record(
@@ -151,6 +158,7 @@ def _record(
     run: RunJob | None,
     started: Any,
     llm: LLM | None,
+    went: Begun,
 ) -> Result:
     """Run a search, as `record` does, with the parts that decide in it."""
     facts = data.facts
@@ -159,6 +167,9 @@ def _record(
     decisive: list[Json] = [written(header), *length(config).values()]
     directory = RunDirectory(_run_path(config, decisive))
     with directory.locked(), _opened(directory, begun) as ledger, telling(lambda: _has_candidates(ledger)):
+        if not ledger.recorded and (unsent := recalled_without(config, directory.path)):
+            went.is_without = True
+            view.say(unsent)
         _commit_header(ledger, header, directory)
         directory.remove_leftovers()
         remove_leftovers_in_stores(Path(config.store.root))

@@ -72,6 +72,7 @@ def build_plan(
         temperature=parts.temperature(),
         temperature_start=config.temperature.start,
         repairs=config.proposals.repair_attempts,
+        given_by="search.networks" if config.search.networks else "networks",
         skipping=skipping_of(config),
         budget=_budget(config, facts),
         fitness=parts.fitness(),

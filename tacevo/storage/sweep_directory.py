@@ -50,7 +50,7 @@ class Job(Record):
 class Retraining(Record):
     """The terms on which the best networks of each job are trained again and tested."""
 
-    #: The number of best networks, at most.
+    #: The number of best networks, at most; with `validated`, of those among which one is chosen.
     elites: Annotated[int, Ge(1)] = 1
     #: K, fresh training seeds of each network.
     seeds: Annotated[int, Ge(1)]
@@ -69,6 +69,11 @@ class Retraining(Record):
         arms = f" {shlex.quote('arms=' + ','.join(self.arms))}" if self.arms else ""
         other = "".join(f" {shlex.quote(word)}" for word in as_overrides(self.other_device))
         return f"{several}seeds={self.seeds} epochs={self.epochs} choose={self.choose}{arms}{other}"
+
+    @property
+    def tested(self) -> int:
+        """The number of networks of each job that are tested."""
+        return 1 if self.choose is ChosenBy.validated else self.elites
 
     def tests(self, arm: str) -> bool:
         """Return whether the jobs of an arm are tested."""

@@ -1,6 +1,7 @@
 """`tacevo study sweep=DIR`: the best networks of every job of a sweep, trained fully with fresh seeds and tested.
 
-Each job gets an ordinary study, of the baseline and its best elites, in its own directory. What is stated once for all
+Each job gets an ordinary study, of the baseline and its best elites, or of the one that a choice hands over, in its own
+directory. What is stated once for all
 of them, how many elites, seeds, epochs and what `best` means, is written into sweep.json before the first training, so
 that `tacevo ablations` knows which studies count, whatever other studies the runs have.
 """
@@ -67,8 +68,8 @@ def study_sweep(
 
     def train(run: str, later: MirrorLater) -> Studied:
         studied = study(of_job(run), view, other, later)
-        if (lacking := config.elites + 1 - studied.trainings // config.seeds) > 0:
-            places = f"{lacking} of {counted(config.elites, 'place')}"
+        if (lacking := retraining.tested + 1 - studied.trainings // config.seeds) > 0:
+            places = f"{lacking} of {counted(retraining.tested, 'place')}"
             view.say(f"no elite for {places}: the baseline counts there, so each job's score is of as many networks")
         return studied
 

@@ -1,10 +1,11 @@
 """`tacevo study`: the baseline and other networks of a run, trained with several seeds.
 
-A study trains them fully and tests them. A noise run (`tacevo.studies.noise`), which is recorded and replayed as a
-study is, trains them as the search did, which gives their fitness under other seeds, and sees no test image. Each has
-seeds of its own, so elites that a noise run chose are studied by fresh draws. Every training is in the store as soon as
-it ends, so a study that was stopped goes on where it was, and several processes with one store may work on the same
-one. The order of the work enters no file.
+A study trains them fully and tests them. Two other kinds are recorded and replayed as a study is, and see no test
+image: a noise run (`tacevo.studies.noise`) trains networks as the search did, which gives their fitness under other
+seeds; a choice trains elites as long as the study that follows, and its lowest validation loss chooses which one that
+study is about. Each kind has seeds of its own, so what was chosen is tested by fresh draws. Every training is in the
+store as soon as it ends, so a study that was stopped goes on where it was, and several processes with one store may
+work on the same one. The order of the work enters no file.
 """
 
 import contextlib
@@ -26,7 +27,6 @@ from tacevo.evolution.fitness import Lowest
 from tacevo.parts import Fitness
 from tacevo.parts.kinds import FITNESS
 from tacevo.parts.registry import of_settings
-from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
 from tacevo.results.grouped import FEWEST, check_groups, images_tested
 from tacevo.results.looked_up import with_table
@@ -55,7 +55,7 @@ from tacevo.rules import CURRENT, EAGER, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.local import crowded
 from tacevo.runs.progress import FINISHED_BEFORE, Progress
-from tacevo.runs.seeds import noise_seed
+from tacevo.runs.seeds import choice_seed, noise_seed, study_seed
 from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_under, trained_by
 from tacevo.storage.files import in_use
@@ -87,6 +87,8 @@ class Studied:
     twice: int
     #: The trainings that came to no end, as `variant 2, seed 3: out_of_time`.
     failed: tuple[str, ...]
+    #: The trainings that chose the elite, where one was chosen so.
+    choice: "Studied | None" = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,8 +132,14 @@ def study(
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    job, other_data = _asked_job(config, other)
-    return train_and_record(job, config.elites if job.run.answered else 0, view, other_data, mirror_later)
+    run, trained, other_data = _asked(config, other)
+    if config.choose is not ChosenBy.validated or run.record.is_of_given:
+        job = _tested_job(config, run, trained, chosen_by=_noise_digest(config, run))
+        return train_and_record(job, config.elites if run.answered else 0, view, other_data, mirror_later)
+    # The run is mirrored by the study, once both are there.
+    choice = train_and_record(_choice_job(config, run, trained), config.elites, view, mirror_later=[])
+    job = _tested_job(config, run, trained, chosen_by=choice.digest, validated=config.elites)
+    return replace(train_and_record(job, 1, view, other_data, mirror_later), choice=choice)
 
 
 def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
@@ -142,10 +150,14 @@ def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
         ConfigError: its data are no images, or this machine cannot train as is asked.
         SandboxError: candidates cannot be confined as the run asks.
     """
-    job, other_data = _asked_job(config, other)
-    run = replace(job.config, data=other_data or job.config.data)
-    source_of(run)
-    check_means(run)
+    run, trained, other_data = _asked(config, other)
+    if config.choose is ChosenBy.validated:
+        _choice_job(config, run, trained)
+    else:
+        _tested_job(config, run, trained, chosen_by=_noise_digest(config, run))
+    there = replace(trained, data=other_data or trained.data)
+    source_of(there)
+    check_means(there)
 
 
 def run_to_train(path: str | None, store: str | None) -> RecordedRun:
@@ -160,8 +172,8 @@ def run_to_train(path: str | None, store: str | None) -> RecordedRun:
     return run
 
 
-def _asked_job(config: StudyConfig, other: Sequence[str]) -> tuple[StudyJob, DataConfig | None]:
-    """Work out what a study follows from, and its data where they are not the run's."""
+def _asked(config: StudyConfig, other: Sequence[str]) -> tuple[RecordedRun, RunConfig, DataConfig | None]:
+    """Return the run of a study, its configuration with the study's training, and the data where they are not its."""
     run = run_to_train(config.run, config.store.root)
     elsewhere = replace(run.with_data, executor=config.executor)
     if other:
@@ -169,23 +181,46 @@ def _asked_job(config: StudyConfig, other: Sequence[str]) -> tuple[StudyJob, Dat
 
         elsewhere = compose_elsewhere(elsewhere, other)
     training = replace(elsewhere.training, epochs=config.epochs, seconds=config.seconds, memory_mib=config.memory_mib)
+    trained = replace(elsewhere, training=training, data=run.config.data)
+    return run, trained, elsewhere.data if any(map(is_of_data, other)) else None
+
+
+def _tested_job(
+    config: StudyConfig, run: RecordedRun, trained: RunConfig, *, chosen_by: str, validated: int = 0
+) -> StudyJob:
+    """Work out what a study follows from that tests the best elites, or the one that was chosen among so many."""
     margins, is_regression = config.margins, run.record.data.kind is Kind.regression
-    job = study_job(
+    return study_job(
         run,
-        replace(elsewhere, training=training, data=run.config.data),
+        trained,
         elites=config.elites,
         seeds=config.seeds,
         terms=StudyTerms(alpha=config.alpha, margin=margins.regression if is_regression else margins.classification),
-        chosen_by=_chosen_by(run) if config.choose is ChosenBy.reestimated else "",
+        chosen_by=chosen_by,
+        validated=validated,
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
-    return job, elsewhere.data if any(map(is_of_data, other)) else None
 
 
-def _chosen_by(run: RecordedRun) -> str:
-    """Return the digest of the noise run that elites are chosen by; empty where networks were given."""
-    if run.record.is_of_given:
+def _choice_job(config: StudyConfig, run: RecordedRun, trained: RunConfig) -> StudyJob:
+    """Work out what a choice among the best elites follows from; it is made on the run's data."""
+    return study_job(
+        run,
+        trained,
+        elites=config.elites,
+        seeds=1,
+        terms=None,
+        chosen_by="",
+        validated=config.elites,
+        planned=None,
+        rules=CURRENT.training,
+    )
+
+
+def _noise_digest(config: StudyConfig, run: RecordedRun) -> str:
+    """Return the digest of the noise run that elites are chosen by; empty where none is."""
+    if config.choose is not ChosenBy.reestimated or run.record.is_of_given:
         return ""
     from tacevo.results.noise_runs import noise_digest  # a room of its own, which may be missing
 
@@ -205,7 +240,7 @@ def train_and_record(
     here = with_table(job.run.with_data, job.run.record.data.fingerprint, job.run.path)
     run = replace(job.config, data=elsewhere or here.data)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
-    is_looked_up = run.data.facts.is_looked_up and job.header.terms is None
+    is_looked_up = run.data.facts.is_looked_up and job.header.is_noise
     source = None if is_looked_up else source_of(run)
     check_means(run)
     if is_looked_up:
@@ -306,12 +341,13 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
     job = study_job(
         run,
         run.config
-        if recorded.terms is None  # a noise run trains as the search did
+        if recorded.is_noise  # which trains as the search did
         else trained_by(run.config, recorded.recipe, recorded.numerics, recorded.device),
         elites=len(recorded.networks) - 1,
         seeds=recorded.seeds,
         terms=recorded.terms,
         chosen_by=recorded.chosen_by,
+        validated=recorded.validated,
         planned=recorded.plan,
         rules=recorded.rules,
     )
@@ -320,11 +356,13 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, data: Dat
         job = replace(job, header=replace(job.header, data=recorded.data, other_data=recorded.other_data))
     place = f"{study.path}/study.json"
     if differing := misfits(recorded, job.header):
-        raise DivergenceError(
-            f"other values of {listed(differing)}: it was edited, or is the study of another run",
-            place=place,
-            expected="the study that follows from the run",
-        )
+        got, expected = f"other values of {listed(differing)}", "the study that follows from the run"
+        if "networks" in differing:
+            got, expected = (
+                f"{words} ({listed(one.id for one in networks)})"
+                for words, networks in ((got, recorded.networks), (expected, job.header.networks))
+            )
+        raise DivergenceError(f"{got}: it was edited, or is the study of another run", place=place, expected=expected)
     check_groups(recorded, run.facts, run.config, place)
     values = recorded.data.outputs if recorded.data.kind is Kind.regression else 0
     if len(recorded.scale) != values:
@@ -376,13 +414,9 @@ def study_job(
     chosen_by: str,
     planned: SeedPlan | None,
     rules: int,
+    validated: int = 0,
 ) -> StudyJob:
     """Work out which networks of a run are trained, by the training of `config`, and on which terms they are judged."""
-    if run.record.is_of_given:
-        networks = given_networks(run.candidates, [network.name for network in run.record.task.given])
-    else:
-        estimates = estimates_of(run.directory.path, chosen_by) if chosen_by else None
-        networks = networks_of(run.candidates, [elite.id for elite in run.elites], elites, estimates)
     training = rules if terms is None else TRAININGS_OF_STUDIES.get(rules, CURRENT.training)
     header = StudyHeader(
         schema=SCHEMA,
@@ -395,24 +429,38 @@ def study_job(
         device=config.training.device,
         seeds=seeds,
         terms=terms,
-        networks=networks,
+        networks=(),
         chosen_by=chosen_by,
         plan=planned,
         rules=rules,
         other_device=other_device(run.config, config, eager=training in EAGER),
+        validated=validated,
     )
+    header = replace(header, networks=_networks(run, header, elites))
     trainings = [
-        _NetworkTraining(
-            network=network,
-            index=index,
-            source=source,
-            seed=derived_seed(config.seed, "study", index) if terms else noise_seed(config.seed, index),
-        )
-        for network in networks
+        _NetworkTraining(network=network, index=index, source=source, seed=_seed(header, index))
+        for network in header.networks
         for source in [run.directory.read_source(network.id, network.source)]
         for index in range(seeds)
     ]
     return StudyJob(run=run, config=config, header=header, trainings=tuple(trainings))
+
+
+def _networks(run: RecordedRun, header: StudyHeader, elites: int | None) -> tuple[StudyNetwork, ...]:
+    """Return the networks of a study: all that were given; or the baseline and the best elites, or the chosen one."""
+    if run.record.is_of_given:
+        return given_networks(run.candidates, [network.name for network in run.record.task.given])
+    losses = estimates_of(run.directory.path, header) if header.chosen_by else None
+    if header.validated:
+        elites = header.validated if header.is_choice else 1
+    return networks_of(run.candidates, [elite.id for elite in run.elites], elites, losses)
+
+
+def _seed(header: StudyHeader, index: int) -> int:
+    """Return the training seed of a number; those that choose, those of noise runs and those that test are apart."""
+    if header.is_choice:
+        return choice_seed(header.seed)
+    return noise_seed(header.seed, index) if header.is_noise else study_seed(header.seed, index)
 
 
 def _on_other_data(job: StudyJob, data: DataConfig, facts: DataFacts) -> StudyJob:
@@ -433,19 +481,15 @@ def _grouped(job: StudyJob, data: DataFacts) -> StudyJob:
 
 def _introduce(directory: StudyDirectory, job: StudyJob, elites: int, recorded: int, view: Progress) -> None:
     """Say what is studied, how much of it is done, and whether anything can come of it."""
-    what = "study" if job.header.terms else "noise run"
-    view.say(f"{what}: {directory.path} ({recorded} of {counted(len(job.trainings), 'training')} recorded already)")
+    trainings = counted(len(job.trainings), "training")
+    view.say(f"{job.header.what}: {directory.path} ({recorded} of {trainings} recorded already)")
     networks, terms, seeds = job.header.networks, job.header.terms, job.header.seeds
     if job.header.apart:
         view.say(job.header.apart)
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
     if job.header.chosen_by:
-        from tacevo.results.noise_runs import noise_runs
-
-        names = {noise.digest: noise.name for noise in noise_runs(job.run)}
-        several = f", the largest of {len(names)}" if len(names) > 1 else ""
-        view.say(f"elites chosen by the noise run {names[job.header.chosen_by]}{several}")
-    if len(networks) <= elites:
+        view.say(_chosen(job))
+    if len(networks) <= elites and not (job.header.validated and terms):
         own = counted(len(networks) - 1, "elite")
         view.say(f"the archive has {own} with a source of its own, fewer than elites={elites}")
     if terms is not None and seeds < (needed := fewest_seeds(terms.alpha)):
@@ -459,6 +503,26 @@ def _introduce(directory: StudyDirectory, job: StudyJob, elites: int, recorded: 
             f"{images_tested(data)}, each of which counts once: too few for tests and intervals over them, which take "
             f"{FEWEST} or more"
         )
+
+
+def _chosen(job: StudyJob) -> str:
+    """Say what the elites of a study were chosen by."""
+    header = job.header
+    if not header.validated:
+        from tacevo.results.noise_runs import noise_runs
+
+        names = {noise.digest: noise.name for noise in noise_runs(job.run)}
+        several = f", the largest of {len(names)}" if len(names) > 1 else ""
+        return f"elites chosen by the noise run {names[header.chosen_by]}{several}"
+    choice = next(one for one in studies_of(job.run.directory.path) if one.read().digest == header.chosen_by)
+    losses, tried = estimates_of(job.run.directory.path, header), len(choice.read().networks) - 1
+    if len(header.networks) == 1:
+        return f"no elite of {choice.path.name} was trained to the end, so the baseline is studied alone"
+    chosen = header.networks[1].id
+    return (
+        f"{chosen} chosen by {choice.path.name}: of {counted(tried, 'elite')} it has the lowest validation loss, "
+        f"{losses[chosen]:.4g}, in a training whose seed does not test"
+    )
 
 
 def _train(
@@ -502,7 +566,9 @@ def _rows(job: StudyJob, evaluator: Evaluator | FullEvaluator, verdicts: Sequenc
     pairs = zip(job.trainings, verdicts, strict=True)
     settings = job.config.training
     rule: Fitness | None = None
-    if settings.fitness in FITNESS.ours:
+    if job.header.is_choice:  # whatever the search's rule: the study tests the epoch of the lowest loss
+        rule = Lowest()
+    elif settings.fitness in FITNESS.ours:
         rule = of_settings(FITNESS, settings.fitness, settings)
     return [_row(training, evaluator.key(training.source, training.seed), verdict, rule) for training, verdict in pairs]
 

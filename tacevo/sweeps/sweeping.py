@@ -31,8 +31,9 @@ from tacevo.results.publishable import published_overrides
 from tacevo.results.sweep import Standing
 from tacevo.results.sweep_jobs import varied
 from tacevo.runs.progress import Progress
-from tacevo.runs.providers import check_carrier, check_temperature
+from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import needed_llm
+from tacevo.runs.unsent import begun_without
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
 from tacevo.sweeps.prospects import shortcomings
@@ -96,8 +97,9 @@ def sweep(
                 directory.succeed(job)  # it may have been finished by `tacevo search`
         left = [config for job, config in jobs.items() if statuses[job].standing is Standing.waiting]
         asking = {(config.llm, config.temperature): config for config in left if config.llm.mode is not Mode.replay}
-        for config in asking.values():
-            check_carrier(config)
+        for warning in dict.fromkeys(begun_without(config, map(directory.run, before)) for config in asking.values()):
+            if warning:
+                view.say(warning)
         every = (*before, *(job for job in jobs if job not in before))
         terms = settled(directory, asked, first)  # again, since nobody else can write now
         if not directory.is_one:

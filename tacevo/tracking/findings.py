@@ -73,7 +73,7 @@ def _shown(
     run: RecordedRun, finished: FinishedStudy, found: str, compared: Compared | None, again: Reestimates | None
 ) -> Shown:
     """Show a study or a noise run; `found` is what it found in short, in Markdown."""
-    is_noise, table = finished.record.terms is None, _table(run, compared, again)
+    is_noise, table = finished.record.is_noise, _table(run, compared, again)
     tables = {} if table is None else {f"{table.name}.md": as_markdown(table), f"{table.name}.csv": as_csv(table)}
     command = "tacevo noise" if is_noise else "tacevo study"
     return Shown(
@@ -92,7 +92,7 @@ def study_params(study: StudyRecord) -> dict[str, str]:
     """Return what a study was to find out: its run, its design, its plan if it follows one, the id of each network."""
     other = {"other_data": dict(study.other_data), "other_device": dict(study.other_device)}
     recorded = to_json(study) | {"recipe": written(study.recipe), **other}
-    names = "seed", "seeds", "recipe", "numerics", "device", "terms", "chosen_by", *other, "plan", "rules"
+    names = "seed", "seeds", "recipe", "numerics", "device", "terms", "chosen_by", "validated", *other, "plan", "rules"
     networks: dict[str, Json] = {network.name: network.id for network in study.networks}
     design = {name: recorded[name] for name in names if recorded.get(name) or name == "seed"}
     return config_params({"digest": study.run, **design, "network": networks})
@@ -102,7 +102,7 @@ def score_measures(study: FinishedStudy) -> Iterator[Point]:
     """Yield each metric of each training, as `mse/variant 1`; the step is the seed's number."""
     for row in study.rows:
         if isinstance(row, ScoreLine):
-            is_noise = study.record.terms is None
+            is_noise = study.record.is_noise
             of_training = {"fitness" if is_noise else "validation_loss": row.validation_loss, "epoch": row.epoch}
             yield from _named({**of_training, **row.metrics}, row.network, row.seed)
 

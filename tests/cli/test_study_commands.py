@@ -55,7 +55,7 @@ def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) 
     [
         ("run=", "run", "the directory of a finished run"),
         ("elites=0", "elites", "an integer of at least 1"),
-        ("choose=luck", "choose", "'fitness' or 'reestimated'"),
+        ("choose=luck", "choose", "'fitness', 'reestimated' or 'validated'"),
         ("seeds=0", "seeds", "an integer of at least 1"),
         ("epochs=ten", "epochs", "an integer"),
         ("seconds=0", "seconds", "a number above 0"),

@@ -196,6 +196,22 @@ def test_efficiency_ratio_is_logarithmic_unless_an_experiment_is_the_papers(expe
     assert (archive.eff_ratio_scale.value, archive.bounds.value) == ("log", "adaptive")
 
 
+EXPERIMENTS = [None, *groups()["experiment"]]
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_lowest_loss_is_the_fitness_unless_an_experiment_is_the_papers(experiment: str | None) -> None:
+    """Also of a task of a user's own, without any experiment."""
+    chosen = [] if experiment is None else [f"experiment={experiment}", *NEEDED.get(("experiment", experiment), [])]
+    is_papers = experiment is not None and experiment.startswith("paper_")
+    assert compose(chosen).training.fitness == ("last" if is_papers else "lowest")
+
+
+def test_last_loss_is_the_fitness_of_the_papers_training() -> None:
+    """Where a user names it, with or without a task."""
+    assert compose(["training=paper", "task=hardness"]).training.fitness == "last"
+
+
 def test_demo_is_small() -> None:
     """The demo asks for few candidates, small images and a short training."""
     config = composed("experiment=demo")

@@ -107,7 +107,7 @@ def test_later_defaults_change_no_paper_experiment(task: str, images: int, tmp_p
         "config.yaml": [
             ("temperature: paper", "temperature: stall"),
             ("prompts: uniform", "prompts: curiosity"),
-            ("training: paper", "training: quick"),
+            ("training: short", "training: quick"),
             ("numerics: portable", "numerics: fast"),
             ("data: simulated", "data: folder"),
             ("seed: 0", "seed: 7"),

@@ -17,6 +17,7 @@ from tacevo.llm.capabilities import (
     known_capabilities,
     question,
     read_capabilities,
+    recorded_capabilities,
     takes_temperature,
 )
 from tacevo.llm.recording import choice
@@ -78,6 +79,22 @@ def test_recorded_answers_tell_of_the_temperature(
     assert (told.temperature, told.efforts) == (False if expected is None else expected, CURRENT.efforts)
     other = choice(request("q", settings=(("top_k", 5),)))
     assert known_capabilities(models, completions, "anthropic", other) == CURRENT
+
+
+def test_servers_are_told_apart_by_what_they_say_of_one_name(tmp_path: Path) -> None:
+    """The provider's own server has the key that it always had; who knows no server finds its word, or another's."""
+    models, other = Store(tmp_path, "models"), Capabilities(efforts=())
+    models.write(question("anthropic", "m", "other"), to_json(other))
+    models.write(question("anthropic", "n", "third"), to_json(CURRENT))
+    assert recorded_capabilities(models, "anthropic", "m", "") is None
+    assert recorded_capabilities(models, "anthropic", "m", "third") is None
+    assert recorded_capabilities(models, "anthropic", "m", "other") == other
+    assert recorded_capabilities(models, "anthropic", "m") == other
+    models.write({"provider": "anthropic", "model": "m"}, to_json(CURRENT))
+    assert recorded_capabilities(models, "anthropic", "m", "") == CURRENT
+    assert recorded_capabilities(models, "anthropic", "m", "other") == other
+    assert recorded_capabilities(models, "anthropic", "m") == CURRENT
+    assert recorded_capabilities(models, "openai", "m") is None
 
 
 def test_damaged_entry_of_a_model_is_named(tmp_path: Path) -> None:

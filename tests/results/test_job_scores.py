@@ -100,7 +100,7 @@ def test_study_of_fewer_networks_than_stated_is_not_the_test(run: Path) -> None:
 def test_score_is_of_the_network_that_a_noise_run_chose(run: Path) -> None:
     """The lowest median of its re-estimates, whatever was recorded; without that noise run nothing is known."""
     study = studied(0.3, 0.4, 0.45)
-    noise = study_header(terms=None, networks=study.networks[:2], seeds=3)
+    noise = study_header(run=study.run, terms=None, networks=study.networks[:2], seeds=3)
     losses = {"baseline": (0.5, 0.6, 0.1), "variant 1": (0.4, 0.4, 0.9)}
     rows = [
         replace(line(one.name, seed, 0.0), id=one.id, validation_loss=loss, metrics={})

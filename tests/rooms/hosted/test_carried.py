@@ -97,3 +97,38 @@ def test_run_that_was_begun_without_its_temperature_goes_on(place: Path, capsys:
         capsys.readouterr()
         assert search(server, "seed=1", "run.dir=other") == 2
         assert "which refuses temperatures" in capsys.readouterr().err
+
+
+def test_new_search_does_not_recall_answers_without_their_temperature(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Even where every answer is recorded, and nothing would be asked; one that only reads the store says so once."""
+    with serving(Script(answer=network, refused=("temperature",))) as server:
+        assert search(server) == 0
+    ledger = (place / "run" / "ledger.jsonl").read_bytes()
+    capsys.readouterr()
+    gone = "llm.base_url=http://127.0.0.1:9"
+    assert main(["search", *TINY, gone, "run.dir=other"]) == 2
+    assert "temperature.carrier=parameter: expected a model that takes a temperature" in capsys.readouterr().err
+    assert not (place / "other" / "run.json").exists()
+    assert main(["search", *TINY, gone, "run.dir=again", "llm.mode=replay"]) == 0
+    assert capsys.readouterr().err.count("warning: no temperature is sent") == 1
+    assert main(["search", *TINY, gone]) == 0  # it was begun so, and has nothing to do
+    assert (place / "run" / "ledger.jsonl").read_bytes() == ledger
+
+
+@pytest.mark.slow
+def test_sweep_that_was_begun_without_temperatures_goes_on(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its other jobs are the same searches, with a warning; with another carrier they would be another sweep's."""
+    settings = [each for each in TINY if not each.startswith("run.dir=")]
+    with serving(Script(answer=network, refused=("temperature",))) as server:
+        command = ["search", "-m", *settings, f"llm.base_url={server.url}", "--into", "sweep"]
+        assert main([*command, "seed=0"]) == 0
+        capsys.readouterr()
+        assert main([*command, "seed=0,1"]) == 0
+        assert "warning: no temperature is sent" in capsys.readouterr().err
+        assert main(["search", "-m", *settings, f"llm.base_url={server.url}", "seed=2", "--into", "other"]) == 2
+        assert "expected a model that takes a temperature" in capsys.readouterr().err
+        assert search(server, "seed=3", "run.dir=sweep/mine") == 2  # which is no job of it
+    lines = [json.loads(line) for line in (place / "sweep" / "none-seed1" / "ledger.jsonl").read_text().splitlines()]
+    assert {tuple(line["dropped"]) for line in lines if line.get("answer")} == {("temperature",)}

@@ -122,6 +122,21 @@ def test_model_is_asked_about_once_and_the_answer_is_recorded_and_replayed(
     assert digest(capsys.readouterr().out) == recorded
 
 
+def test_each_server_is_asked_about_its_own_model(place: Path) -> None:
+    """Another server may know another model by the name; its address is in no entry, and a bundle has its word."""
+    chosen = [f"llm.model={HAIKU}", "search.generations=0", "temperature.carrier=none"]
+    with serving(CURRENT) as first, serving(CURRENT) as second:
+        assert search(first, *chosen) == 0
+        assert search(second, *chosen, "run.dir=other", "seed=1") == 0
+        assert search(second, *chosen, "run.dir=third", "seed=2") == 0
+        assert (first.asked_about, second.asked_about) == ([HAIKU], [HAIKU])
+        texts = [path.read_text(encoding="utf-8") for path in (place / "cache" / "models").rglob("*.json")]
+        assert len(texts) == 2
+        assert not [text for text in texts for server in (first, second) if server.url.rpartition("/")[2] in text]
+    for run in ("run", "other"):
+        assert main(["replay", run]) == 0
+
+
 @pytest.mark.parametrize(
     ("model", "chosen", "expected"),
     [
