@@ -1,7 +1,7 @@
 """What a search hands over after so many epochs of training, beside draws and openevolve, on the table of a space.
 
-    python -m benchmarks.reach                     # 400 searches a way: an hour of a core; of openevolve fewer
-    python -m benchmarks.reach --figures           # the figures of results/reach.json again, without a search
+    python -m benchmarks.reach                               # the figures of the searches in results/reach.json
+    python -m benchmarks.reach --searches 400 --fewer 40     # searches on until there are so many: hours
 
 A user spends a budget and takes one network. So a way to search trains until its budget is spent, hands over the
 fittest network that it has trained by then, once, and is judged by the mean logarithm of its test loss under seeds that
@@ -70,9 +70,6 @@ EVALUATOR = Path(__file__).with_name("reach_evaluator.py")
 
 #: Epochs of training after which a search hands a network over.
 BUDGETS = (50, 100, 200, 400)
-
-#: Searches of openevolve, each of which starts processes of its own.
-FEWER = 40
 
 _CURRENT = re.compile(r"# Current Program\n```python\n(.*?)```", re.DOTALL)
 
@@ -358,23 +355,35 @@ def _of_budget(found: Mapping[str, Any], number: int) -> list[Handed]:
     return [Handed(*search[number]) for search in found["searches"]]
 
 
-def reach(searches: int, fewer: int, place: Path) -> dict[str, Any]:
-    """Search in every way, and write down what each search handed over; they take turns.
+def reach(space: Space, place: Path, searches: int, fewer: int) -> dict[str, Any]:
+    """Search in every way until there are so many searches of it, in turn; return what each handed over.
 
     Args:
+        space: of the networks.
+        place: of the file, which has all finished searches at any time; those that it has are not made again.
         searches: of each way; the seeds are from 0.
         fewer: of openevolve.
-        place: of the file, which has all finished searches at any time.
+
+    Raises:
+        SystemExit: the file is of another table.
     """
-    space = Space(read_table(Path(compose(["experiment=table"]).data.root or "")))
     with tempfile.TemporaryDirectory() as store:
         ways = ways_of(space, Path(store))
         found: dict[str, Any] = {
             name: {"epochs": way.epochs, "searches": [], "trained": []} for name, way in ways.items()
         }
+        if place.exists():
+            recorded = json.loads(place.read_text(encoding="utf-8"))
+            if recorded["table"] != space.table.digest:
+                raise SystemExit(
+                    f"{place} is of the table {recorded['table'][:12]}; expected {space.table.digest[:12]}"
+                )
+            found |= recorded["ways"]
         peers = [name for name in ways if name.startswith("openevolve")]
         turns = [(seed, name) for seed in range(searches) for name in ways if name not in peers]
         for seed, name in turns + [(seed, name) for seed in range(fewer) for name in peers]:
+            if seed < len(found[name]["searches"]):
+                continue
             visits = ways[name].search(seed, max(BUDGETS) // ways[name].epochs)
             found[name]["searches"].append(handed_over(visits, ways[name].epochs))
             found[name]["trained"].append(len(visits))
@@ -389,19 +398,13 @@ def _written(digest: str, found: Mapping[str, Any]) -> str:
 
 
 def main() -> None:
-    """Search, and print both tables."""
+    """Search on, and print both tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--searches", type=int, default=400, metavar="N", help="of each way (default: 400)")
-    parser.add_argument("--fewer", type=int, default=FEWER, metavar="N", help=f"of openevolve (default: {FEWER})")
-    parser.add_argument("--figures", action="store_true", help="of the searches that were made already")
+    parser.add_argument("--searches", type=int, default=0, metavar="N", help="of each way, those recorded included")
+    parser.add_argument("--fewer", type=int, default=0, metavar="N", help="of openevolve")
     options = parser.parse_args()
-    if not options.figures:
-        reach(options.searches, options.fewer, RESULTS)
-    recorded = json.loads(RESULTS.read_text(encoding="utf-8"))
     space = Space(read_table(Path(compose(["experiment=table"]).data.root or "")))
-    if recorded["table"] != space.table.digest:
-        raise SystemExit(f"expected searches of the table {space.table.digest[:12]}; got {recorded['table'][:12]}")
-    print(table(space, recorded["ways"]))
+    print(table(space, reach(space, RESULTS, options.searches, options.fewer)))
 
 
 if __name__ == "__main__":
