@@ -134,8 +134,8 @@ bench-quick: $(PEERS)/.ready ## run each of its benchmarks once on next to nothi
 # As it stood when it answered, with the code of then: make answered NAME="evidence --trials 200"
 ANSWERED := b2f46d5c54ec455f1106bb9899ca329f95253a5f
 answered: $(READY) ## run a benchmark of an answered question: NAME=evidence, niches, difficulty, curves or linear
-	@test -d build/answered || git worktree add --detach build/answered $(ANSWERED)
-	cd build/answered && $(abspath $(BIN))/python -m benchmarks.$(NAME)
+	@test -d build/answered/$(ANSWERED) || git worktree add --detach build/answered/$(ANSWERED) $(ANSWERED)
+	cd build/answered/$(ANSWERED) && $(abspath $(BIN))/python -m benchmarks.$(NAME)
 
 # The peer's own environment; the packages of ours are seen in it, so that both train with one torch.
 $(PEERS)/.ready: $(DEV) benchmarks/peers.txt

@@ -21,7 +21,6 @@ from rich.console import Console
 from benchmarks import confinement
 from benchmarks.llm import asking, memory_of_many
 from benchmarks.peers import REQUIREMENT, peers
-from benchmarks.reach import reach
 from benchmarks.record import record, write
 from benchmarks.replay import command_cost, synthetic_replays
 from benchmarks.share import beside_training
@@ -183,7 +182,6 @@ def _silent() -> Progress:
 #: What is measured, each with the sizes of `make bench-quick`.
 BENCHMARKS: Mapping[Callable[..., Figure | Iterable[Figure]], Mapping[str, Any]] = {
     peers: {"numerics": [Numerics.fast], "answers": 1, "epochs": 1, "rounds": 0},
-    reach: {"searches": 1, "answers": 16, "best": 1.0, "epochs": 1, "rounds": 1},
     archive_insertions: {"insertions": 50, "rounds": 1},
     candidate_processes: {"forks": 1, "rounds": 1},
     confinement.walls: {"rounds": 1},

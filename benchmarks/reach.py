@@ -1,69 +1,75 @@
-"""Processor time until a search hands a good network over, beside openevolve, on the table of a space.
+"""What a search hands over after so many epochs of training, beside draws and openevolve, on the table of a space.
 
-    make bench                                            on the table; or, alone: python -m benchmarks.reach
-    python -m benchmarks.reach --real --searches 5        with real trainings: hours
+    python -m benchmarks.reach                               # the figures of the searches in results/reach.json
+    python -m benchmarks.reach --searches 400 --fewer 40     # searches on until there are so many: hours
 
-A user waits for a good network, not for many candidates. Here a good one is among the best twentieth of the table that
-comes with the project (docs/table.md), by its mean test loss over all seeds. A contender's five fittest networks are
-trained again with the two seeds that its search has not seen, and the one with the lowest mean loss of these is handed
-over. The figure is the expected running time (ERT, as in COCO, hansen2021coco): all processor seconds, those of
-searches that find no good network included, divided by the number of searches that do. It is of an ideal stop: a search
-ends as soon as what it would hand over is good, and pays for the last re-estimates alone.
+A user spends a budget and takes one network. So a way to search trains until its budget is spent, hands over the
+fittest network that it has trained by then, once, and is judged by the mean logarithm of its test loss under seeds that
+the search has not seen (`analysis.statistics.spaces.unseen_loss`). Nothing is looked at before the budget is spent, and
+no test loss decides when to stop.
 
-One grammar answers for the same space; ours is asked as an experiment asks, with crossover; the peer for a mutation of
-its current program, with an instruction and a temperature drawn from all. Trainings are looked up: for each search and
-network one of the table's seeds, for all the lowest validation loss so far. They are paid by price: a probe, a start
-and epochs of the baseline for forces are measured in this run, for as many images as the table's, and epochs count in
-proportion to a network's FLOPs. The search itself is measured, and counts in proportion to its answers. A third way
-draws networks of the space at random, and pays as ours for trainings and probes, and for nothing else.
+All ways look the same trainings up, in the table that comes with the project (docs/table.md): of a search and a network
+always one of the recorded seeds. One grammar answers for the same space; ours is asked as an experiment asks, with
+crossover; openevolve for a mutation of its current program, with an instruction and a temperature drawn from all. A
+network costs the epochs of one training, however often a search proposes it. Draws take networks of the space at
+random, none twice. Ours train the baseline first, as each search does.
 
-In favour of the peer: its trainings have any instruction set, while ours are portable; it pays neither probe nor start,
-since its workers stay warm; nor the grammar, which answers in a process of the benchmark but in ours; nor a network
-that it trains again; and it is looked at after each training, ours after each generation.
-
-With `--real` the searches train, and all of their processor time is measured. The table then tells test losses, and
-what two further trainings give, which are paid by price.
+`results/reach.json` holds, of each search, the network and the seed that chose it, so that every figure can be computed
+again, by a later judge, too.
 """
 
 import argparse
-import heapq
 import itertools
 import json
 import math
 import re
-import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.stats import norm
+from statsmodels.stats.multitest import multipletests
 
-from benchmarks.confinement import BARE, EPOCHS, Seconds, seconds_of_training
-from benchmarks.peers import evaluator_environment, openevolve_command, search_cost, serving, write_data
-from benchmarks.timing import Figure
-from tacevo.api.space_tables import SpaceTable as Frames
+from benchmarks.peers import openevolve_command, search_cost, serving
+from tacevo.api.space_tables import SpaceTable as Opened
 from tacevo.choices import Numerics
 from tacevo.config.compose import compose
+from tacevo.config.schema import RunConfig
+from tacevo.config.task_texts import load_task
+from tacevo.evolution.algorithm import step
+from tacevo.evolution.development import Outcome
+from tacevo.evolution.lines import CandidateLine, SearchLine
 from tacevo.evolution.prompts import mutation_text
+from tacevo.evolution.state import SearchState
 from tacevo.gate.extraction import extract
-from tacevo.llm.grammar.provider import answer
+from tacevo.llm.grammar.provider import GrammarLLM, answer
+from tacevo.profile import Admitted
 from tacevo.randomness import stream
-from tacevo.records import ChatMessage, Rejection, Request
-from tacevo.results.run import read_run
+from tacevo.records import ChatMessage, Completion, Mode, Rejection, Request
 from tacevo.results.space_table import read_table
 from tacevo.results.table_records import Header, SpaceTable
+from tacevo.rules import CURRENT
+from tacevo.runs.datasets import load_data
+from tacevo.runs.decisions import Decisions, Parts
+from tacevo.runs.progress import Progress
+from tacevo.runs.seeds import training_seed
+from tacevo.runs.table_answers import recorded_seeds
+from tacevo.runs.wiring import Workbench, build_plan, stores_of
+from tacevo.training.full import FullTraining
 from tacevo.training.numerics import environment
+
+RESULTS = Path(__file__).with_name("results") / "reach.json"
 
 EVALUATOR = Path(__file__).with_name("reach_evaluator.py")
 
-#: How many of the fittest are trained again, and for how many epochs.
-FITTEST, LONG = 5, 10
-
-#: Searches that an interval needs.
-FEWEST = 10
+#: Epochs of training after which a search hands a network over.
+BUDGETS = (50, 100, 200, 400)
 
 _CURRENT = re.compile(r"# Current Program\n```python\n(.*?)```", re.DOTALL)
 
@@ -75,214 +81,166 @@ class Visit(NamedTuple):
     network: int
     #: Its lowest validation loss.
     loss: float
-    #: Row of the seed in the table that no re-estimate takes: its own; any where it was really trained.
+    #: Row of the recorded seed.
     seed: int
-    #: When it was trained; after all of one number a search can be looked at.
-    generation: int
 
 
-#: The trainings of a search, in order, and all other processor seconds of it.
-Searched = tuple[list[Visit], float]
+class Handed(NamedTuple):
+    """A network that a search hands over."""
+
+    network: int
+    #: Row of the recorded seed that chose it.
+    seed: int
 
 
 class Way(NamedTuple):
-    """How a contender searches."""
+    """A way to search."""
 
     #: Of a training.
     epochs: int
-    #: Of a training of the search; zero where it trains, which its own time holds.
-    price: Seconds
-    #: Of a training again.
-    again: Seconds
-    #: Searches with a seed.
-    search: Callable[[int], Searched]
+    #: Trains so many networks, or fewer, with a seed of the search.
+    search: Callable[[int, int], Sequence[Visit]]
 
 
 class Space:
     """What the table knows of each network."""
 
     def __init__(self, table: SpaceTable) -> None:
-        self.table, frames = table, Frames(table)
-        networks, scores = frames.networks, frames.scores
-        shape = (len(networks), scores["seed"].nunique(), -1)  # fails if a training was rejected
-        losses = frames.trainings["validation_loss"].to_numpy().reshape(shape)
-        #: The lowest validation loss, by network, seed, and number of epochs less one.
-        self.lowest = np.minimum.accumulate(losses, axis=2)
-        #: The mean test loss of each network.
-        self.test = scores["cross_entropy"].to_numpy().reshape(shape[:2]).mean(axis=1)
-        #: The FLOPs of each network, in those of the baseline.
-        self.flops = (networks["flops"] / networks["flops"][0]).to_numpy(np.float64)
-        self.rows = {source: row for row, source in enumerate(networks["source"])}
+        self.table, self.opened = table, Opened(table)
+        full = [
+            [table.verdicts[row, seed] for seed in range(len(table.header.seeds))] for row in range(len(table.networks))
+        ]
+        sound = [[one for one in seeds if isinstance(one, FullTraining)] for seeds in full]
+        #: The lowest validation loss, by network, seed, and number of epochs less one; no training may have failed.
+        self.lowest = np.minimum.accumulate([[one.training.validation_losses for one in row] for row in sound], axis=2)
+        #: The test loss, by network and seed.
+        self.tests = np.array([[one.metrics["cross_entropy"] for one in row] for row in sound])
+        self.rows = {network.sha256: row for row, network in enumerate(table.networks)}
+        #: What the gate says of an answer, by its text: searches have most answers in common.
+        self.admitted: dict[str, Admitted | Rejection] = {}
 
-    def seconds(self, visit: Visit, epochs: int, price: Seconds) -> float:
-        """Return what training a network takes of a processor."""
-        return float(price.start + epochs * price.epoch * self.flops[visit.network])
+    def visit(self, network: int, seed: int, epochs: int) -> Visit:
+        """Train a network: look up what it has after so many epochs under a recorded seed."""
+        return Visit(network, float(self.lowest[network, seed, epochs - 1]), seed)
 
-    def again(self, visit: Visit) -> float:
-        """Return the mean validation loss of a network under two seeds that its search has not seen."""
-        return float(np.delete(self.lowest[visit.network, :, LONG - 1], visit.seed).mean())
-
-    def drawn(self, seed: int) -> NDArray[np.int64]:
-        """Draw a seed of the table for each network, for a search that does not draw them itself."""
-        return stream(seed, "reach", "noise").integers(self.lowest.shape[1], size=len(self.rows))
+    def drawn(self, seed: int) -> list[int]:
+        """Draw a recorded seed for each network, for a search that does not draw them itself."""
+        drawn: list[int] = stream(seed, "reach", "noise").integers(self.lowest.shape[1], size=len(self.rows)).tolist()
+        return drawn
 
 
-def reach(
-    *,
-    searches: int = 40,
-    first: int = 0,
-    is_real: bool = False,
-    answers: int = 100,
-    best: float = 0.05,
-    epochs: int = EPOCHS[32],
-    rounds: int = 3,
-) -> Iterator[Figure]:
-    """Search in two ways of ours and in two of openevolve's.
+def handed_over(visits: Sequence[Visit], epochs: int, budgets: Sequence[int] = BUDGETS) -> list[Handed]:
+    """Return the fittest network of those that each budget pays for; of equally fit ones the first."""
+    fittest = [min(visits[: budget // epochs], key=lambda visit: visit.loss) for budget in budgets]
+    return [Handed(visit.network, visit.seed) for visit in fittest]
 
-    Args:
-        searches: of each; the seeds are the same.
-        first: of the seeds.
-        is_real: whether they train, and do not look trainings up.
-        answers: that a search may ask for; twice as many where half of them are skipped.
-        best: which part of the space is good.
-        epochs: that the prices are measured by, as `seconds_of_training` has it.
-        rounds: how often.
-    """
-    config = compose(["experiment=table"])
-    space = Space(read_table(Path(config.data.root or "")))
-    trained, predicted, _ = space.table.header.data.counts
-    prices = seconds_of_training(32, epochs=epochs, rounds=rounds, trained=trained, predicted=predicted)
-    confined, bare = prices[f"confined, {config.numerics.kind}"], prices[BARE]._replace(start=0.0)
 
-    def way(epochs: int, again: Seconds, search: Callable[[int], Searched]) -> Way:
-        return Way(epochs, Seconds(0, 0, 0) if is_real else again, again, search)
+def ways_of(space: Space, store: Path) -> dict[str, Way]:
+    """Return every way to search, by its name; ours share a store."""
 
-    def ours(epochs: int, answers: int, *settings: str) -> Way:
-        given, probe = (f"training.epochs={epochs}", *settings), None if is_real else confined.probe
-        return way(epochs, confined, lambda seed: _ours(space, seed, answers, given, probe))
+    def ours(epochs: int, *settings: str) -> Way:
+        given = (f"training.epochs={epochs}", f"store.root={store}", *settings)
+        return Way(epochs, lambda seed, trainings: searched(space, seed, trainings, given))
+
+    def draws(epochs: int) -> Way:
+        return Way(epochs, lambda seed, trainings: at_random(space, seed, trainings, epochs))
 
     def peer(epochs: int) -> Way:
-        return way(epochs, bare, lambda seed: _openevolve(space, seed, answers, epochs, is_real=is_real))
+        return Way(epochs, lambda seed, trainings: _openevolve(space, seed, trainings, epochs))
 
-    def drawn(epochs: int) -> Way:
-        return Way(epochs, confined, confined, lambda seed: at_random(space, seed, answers, epochs, confined.probe))
-
-    peers = {f"openevolve, {epochs} epochs": peer(epochs) for epochs in (10, 5)}
-    random = {f"at random, {epochs} epochs": drawn(epochs) for epochs in (10, 5)}
-    mine = {
-        "as published, 10 epochs": ours(10, answers),
-        "fast, 5 epochs": ours(5, 2 * answers, "proposals.skipped=0.5"),
+    return {
+        "draws, 10 epochs": draws(10),
+        "as published, 10 epochs": ours(10),
+        "only the baseline as parent, 10 epochs": ours(10, "ablation=random_parents_only_baseline"),
+        "best_k, 10 epochs": ours(10, "ablation=best_k"),
+        "drift, 10 epochs": ours(10, "ablation=drift"),
+        "openevolve, 10 epochs": peer(10),
+        "draws, 5 epochs": draws(5),
+        "fast: 5 epochs, a surrogate skips half": ours(5, "proposals.skipped=0.5"),
+        "openevolve, 5 epochs": peer(5),
     }
-    level = float(np.quantile(space.test, best))
-    ways = mine | peers | ({} if is_real else random)
-    outcomes: dict[str, list[tuple[float, bool]]] = {name: [] for name in ways}
-    for seed, (name, one) in itertools.product(range(first, first + searches), ways.items()):  # they take turns
-        outcomes[name].append(reached(space, one, *one.search(seed), level))
-        if is_real:
-            print(f"{name}, seed {seed}: {outcomes[name][-1]}", file=sys.stderr, flush=True)
-    what = "with real trainings" if is_real else "on the table"
-    for name, rival in itertools.product(mine, ways):
-        if rival in mine or ways[name].epochs > ways[rival].epochs:
-            continue
-        yield Figure(
-            title=f"until one of the best {best:.0%} is handed over, {what}",
-            name=f"{name} ({told(outcomes[name])})",
-            value=expected_seconds(outcomes[name]),
-            unit="CPU s",
-            peer=f"{rival} ({told(outcomes[rival])})",
-            peer_value=expected_seconds(outcomes[rival]),
-        )
 
 
-def reached(space: Space, way: Way, visits: Sequence[Visit], own: float, level: float) -> tuple[float, bool]:
-    """Return the processor seconds of a search until it hands a good network over, or to its end; and whether it does.
-
-    Args:
-        space: of the networks.
-        way: how it searched.
-        visits: its trainings, in order.
-        own: its seconds.
-        level: the test loss of a network that is good enough.
-    """
-    seen: list[Visit] = []
-    spent, good = 0.0, False
-    fittest: list[Visit] = []
-    for _, group in itertools.groupby(visits, key=lambda visit: visit.generation):
-        for visit in group:
-            spent += space.seconds(visit, way.epochs, way.price)
-            seen.append(visit)
-        fittest = heapq.nsmallest(FITTEST, seen, key=lambda visit: visit.loss)
-        good = bool(space.test[min(fittest, key=space.again).network] <= level)
-        if good:
-            break
-    seeds = space.lowest.shape[1] - 1
-    again = seeds * sum(space.seconds(visit, LONG, way.again) for visit in fittest)
-    part = (1 + seen[-1].generation) / (1 + visits[-1].generation)
-    return spent + own * part + again, good
-
-
-def expected_seconds(outcomes: Sequence[tuple[float, bool]]) -> float:
-    """Return the expected running time of searches: of each its seconds, and whether it succeeded; may be infinite."""
-    successes = sum(good for _, good in outcomes)
-    return sum(seconds for seconds, _ in outcomes) / successes if successes else math.inf
-
-
-def told(outcomes: Sequence[tuple[float, bool]]) -> str:
-    """Say how many searches succeeded, and between what the figure is with 95 % (bootstrap, percentiles)."""
-    seconds, good = np.array(outcomes).T
-    succeeded = f"{int(good.sum())} of {len(outcomes)}"
-    if len(outcomes) < FEWEST:
-        return succeeded
-    rows = stream(0, "reach", "bootstrap").integers(len(outcomes), size=(2_000, len(outcomes)))
-    with np.errstate(divide="ignore"):  # of a sample without a success it is infinite
-        low, high = np.quantile(seconds[rows].sum(axis=1) / good[rows].sum(axis=1), [0.025, 0.975], method="nearest")
-    return f"{succeeded}; {low:.0f} to {high:.0f}"
-
-
-def at_random(space: Space, seed: int, answers: int, epochs: int, probe: float) -> Searched:
+def at_random(space: Space, seed: int, trainings: int, epochs: int) -> list[Visit]:
     """Draw networks of the space, none twice."""
-    drawn = space.drawn(seed)
-    rows = stream(seed, "reach", "random").permutation(len(space.rows))[:answers].tolist()
-    losses = space.lowest[:, :, epochs - 1]
-    return [Visit(row, losses[row, drawn[row]], drawn[row], at) for at, row in enumerate(rows)], probe * len(rows)
+    drawn, rows = space.drawn(seed), stream(seed, "reach", "random").permutation(len(space.rows))[:trainings].tolist()
+    return [space.visit(row, drawn[row], epochs) for row in rows]
 
 
-def _ours(space: Space, seed: int, answers: int, settings: Sequence[str], probe: float | None) -> Searched:
-    """Search as a user does, with new stores.
+class _Here(Executor):
+    """Runs each job in the thread that submits it."""
 
-    Args:
-        space: of the networks.
-        seed: of the search.
-        answers: that it may ask for.
-        settings: beside the experiment's.
-        probe: the price of one, of each network that is asked for; None of a search that trains.
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_result(function(*args, **kwargs))
+        return future
+
+
+class _Trained:
+    """Notes the lines of a search, in place of its ledger."""
+
+    def __init__(self) -> None:
+        self.lines: dict[str, CandidateLine] = {}
+
+    def commit(self, line: SearchLine) -> None:
+        """Keep the first line of each network that trained."""
+        if isinstance(line, CandidateLine) and line.validation_losses is not None:
+            self.lines.setdefault(str(line.source), line)
+
+    def developed(self, outcome: Outcome) -> None:
+        """Take an outcome."""
+
+    def committed(self, line: SearchLine, state: SearchState) -> None:
+        """Take a line and a state."""
+
+
+def searched(space: Space, seed: int, trainings: int, settings: Sequence[str]) -> list[Visit]:
+    """Search the table as `tacevo search experiment=table` does, decision by decision, until so many have trained."""
+    config = compose(["experiment=table", f"data.root={space.table.path}", f"seed={seed}", "tracking=none", *settings])
+    visits = []
+    for line in _lines(space, config, trainings)[:trainings]:
+        row = space.rows[str(line.source)]
+        drawn = recorded_seeds(space.table, seed, space.table.networks[row].source)[training_seed(seed, 0)]
+        visits.append(space.visit(row, drawn, config.training.epochs))
+    return visits
+
+
+def _lines(space: Space, config: RunConfig, trainings: int) -> list[CandidateLine]:
+    """Search until so many networks have trained, or to the experiment's end; return the line of each."""
+    data = load_data(config, Progress())
+    task = load_task(config, data.facts)
+    notes, seed = _Trained(), training_seed(config.seed, 0)
+    with Decisions(stores_of(config).of("decisions", Mode.record)) as decisions:
+        plan = build_plan(config, task, data.facts, Mode.record, parts=Parts.of(config, decisions))
+        with Workbench(config, task, data.facts, Mode.live, data=data) as bench:
+            effects, evaluator = bench.effects(CURRENT), bench.evaluator(CURRENT)
+
+            def admit(completion: Completion, asked: str) -> Admitted | Rejection:
+                if completion.text not in space.admitted:
+                    space.admitted[completion.text] = effects.admit(completion, asked)
+                return space.admitted[completion.text]
+
+            quick = replace(
+                effects,
+                llm=GrammarLLM(slip_rate=config.llm.slip_rate, space=config.llm.space),
+                admit=admit,
+                evaluate=lambda source: evaluator.retrain(source, seed),
+                executor=_Here(),
+            )
+            state = SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
+            while len(notes.lines) < trainings and not state.is_past(plan):
+                state = step(state, plan, quick, notes, notes)
+    return [*notes.lines.values()]
+
+
+def _openevolve(space: Space, seed: int, trainings: int, epochs: int) -> list[Visit]:
+    """Search as a user of openevolve does. Its workers ask in any order, so no search of it can be repeated.
+
+    It is given twice as many answers as trainings: it refuses one that equals its parent, and repeats some.
     """
-    experiment = "experiment=space" if probe is None else "experiment=table"
-    sizes = compose([experiment]).search
-    generations = (answers - sizes.initial) // sizes.candidates
-    with tempfile.TemporaryDirectory() as folder:
-        place = (f"run.dir={folder}/run", f"store.root={folder}/cache", "tracking=none")
-        given = (experiment, *settings, f"seed={seed}", f"search.generations={generations}", *place)
-        cost = search_cost([sys.executable, "-m", "tacevo.cli.app", "search", *given], {})
-        run = read_run(Path(folder) / "run")
-    drawn = space.drawn(seed)
-    visits: dict[int, Visit] = {}
-    for line in run.trained:
-        assert line.validation_losses is not None
-        row, lowest = space.rows[str(line.source)], min(line.validation_losses)
-        out = drawn[row]
-        if probe is not None:
-            (out,) = np.flatnonzero(space.lowest[row, :, len(line.validation_losses) - 1] == lowest)
-        visits.setdefault(row, Visit(row, lowest, int(out), line.generation))
-    probes = len({line.source for line in run.candidates if line.source is not None})
-    return list(visits.values()), cost.processor_seconds + probes * (probe or 0.0)
-
-
-def _openevolve(space: Space, seed: int, answers: int, epochs: int, *, is_real: bool) -> Searched:
-    """Search as a user of openevolve does. Its workers ask in any order, so no search of it can be repeated."""
-    drawn, unread = space.drawn(seed).tolist(), list[str]()
+    drawn, unread, answers = space.drawn(seed), list[str](), 2 * trainings
     losses = {
-        network.source.strip(): (row, float(space.lowest[row, drawn[row], epochs - 1]))
+        network.source.strip(): (row, space.visit(row, drawn[row], epochs).loss)
         for row, network in enumerate(space.table.networks)
     }
     with tempfile.TemporaryDirectory() as folder, serving(_grammar(space.table.header, seed, unread)) as url:
@@ -290,19 +248,12 @@ def _openevolve(space: Space, seed: int, answers: int, epochs: int, *, is_real: 
         (place / "losses.json").write_text(json.dumps(losses), encoding="utf-8")
         baseline = space.table.header.task.baseline
         command = openevolve_command(place, url=url, baseline=baseline, evaluator=EVALUATOR, answers=answers, seed=seed)
-        given = environment(Numerics.fast) | {"PEER_LOSSES": f"{place}/losses.json", "PEER_LOG": f"{place}/log"}
-        if is_real:
-            settings = ["experiment=space"]
-            (place / "trained").mkdir()
-            write_data(place, settings)
-            given |= evaluator_environment(settings, epochs, data=place, trained=place / "trained", seed=seed)
-            given["PYTHONPATH"] = str(EVALUATOR.parents[1])
-        cost = search_cost(command, given)
-        asked = [json.loads(line) for line in (place / "log").read_text(encoding="utf-8").splitlines()]
+        given = {"PEER_LOSSES": f"{place}/losses.json", "PEER_LOG": f"{place}/log"}
+        search_cost(command, environment(Numerics.fast) | given)
+        asked = [int(line) for line in (place / "log").read_text(encoding="utf-8").splitlines()]
     if unread or len(asked) < answers / 2:  # it refuses an answer that equals the parent
         raise RuntimeError(f"openevolve had {len(asked)} of {answers} networks; unread requests: {unread[:1]}")
-    visits = [Visit(row, loss, drawn[row], number) for number, (row, loss) in enumerate(dict(asked).items())]
-    return visits, cost.processor_seconds
+    return [space.visit(row, drawn[row], epochs) for row in dict.fromkeys(asked)][:trainings]
 
 
 def _grammar(header: Header, seed: int, unread: list[str]) -> Callable[[str], str | None]:
@@ -334,15 +285,126 @@ def _grammar(header: Header, seed: int, unread: list[str]) -> Callable[[str], st
     return answer_to
 
 
+class Mean(NamedTuple):
+    """A mean of logarithms, its standard error, and what it is of."""
+
+    value: float
+    error: float
+    searches: int
+    networks: int
+
+
+def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = ()) -> Mean:
+    """Return the mean log test loss of what searches handed over, less that of others.
+
+    Its error is of the searches, and of the training seeds that judge: searches which hand the same network over share
+    its judges, so that many searches do not make them more. The noise of a seed is taken as that of the networks here.
+    """
+    value, variance = 0.0, 0.0
+    cells: Counter[tuple[int, int]] = Counter()
+    for sign, group in ((1, handed), (-1, against)):
+        if not group:
+            continue
+        losses = [space.opened.unseen_loss(one.network, seen=[one.seed]) for one in group]
+        value += sign * float(np.mean(losses))
+        variance += float(np.var(losses, ddof=1)) / len(losses)
+        for one in group:
+            left = [seed for seed in range(space.tests.shape[1]) if seed != one.seed]
+            for seed in left:
+                cells[one.network, seed] += sign / len(left) / len(group)  # type: ignore[assignment]
+    networks = sorted({network for network, _ in cells})
+    noise = float(np.log(space.tests[networks]).var(axis=1, ddof=1).mean())
+    error = math.sqrt(variance + noise * sum(weight**2 for weight in cells.values()))
+    return Mean(value, error, len(handed), len({one.network for one in handed}))
+
+
+def table(space: Space, ways: Mapping[str, Any]) -> str:
+    """Lay out what each way hands over by each budget, and beside draws of as many epochs a training."""
+    width = norm.ppf(0.975)
+    lines = [
+        f"| way | searches | {' | '.join(f'{budget} epochs' for budget in BUDGETS)} |",
+        f"|---|---|{'---|' * len(BUDGETS)}",
+    ]
+    compared: list[tuple[str, int, Mean]] = []
+    for name, found in ways.items():
+        shown = []
+        for number, budget in enumerate(BUDGETS):
+            handed = _of_budget(found, number)
+            one = mean(space, handed)
+            low, high = (math.exp(one.value + sign * width * one.error) for sign in (-1, 1))
+            shown.append(f"{math.exp(one.value):.3f} [{low:.3f}, {high:.3f}]")
+            rival = f"draws, {found['epochs']} epochs"
+            if name != rival:
+                compared.append((name, budget, mean(space, handed, _of_budget(ways[rival], number))))
+        lines.append(f"| {name} | {len(found['searches'])} | {' | '.join(shown)} |")
+    p = [2 * float(norm.sf(abs(one.value / one.error))) for _, _, one in compared]
+    holm = multipletests(p, method="holm")[1]
+    lines += [
+        "",
+        "| beside draws | epochs | loss, of theirs [95 %] | p | after Holm | networks |",
+        "|---|---|---|---|---|---|",
+    ]
+    for (name, budget, one), single, corrected in zip(compared, p, holm, strict=True):
+        low, high = (math.exp(one.value + sign * width * one.error) for sign in (-1, 1))
+        ratio = f"{math.exp(one.value):.3f} [{low:.3f}, {high:.3f}]"
+        lines.append(f"| {name} | {budget} | {ratio} | {single:.3g} | {corrected:.3g} | {one.networks} |")
+    return "\n".join(lines)
+
+
+def _of_budget(found: Mapping[str, Any], number: int) -> list[Handed]:
+    return [Handed(*search[number]) for search in found["searches"]]
+
+
+def reach(space: Space, place: Path, searches: int, fewer: int) -> dict[str, Any]:
+    """Search in every way until there are so many searches of it, in turn; return what each handed over.
+
+    Args:
+        space: of the networks.
+        place: of the file, which has all finished searches at any time; those that it has are not made again.
+        searches: of each way; the seeds are from 0.
+        fewer: of openevolve.
+
+    Raises:
+        SystemExit: the file is of another table.
+    """
+    with tempfile.TemporaryDirectory() as store:
+        ways = ways_of(space, Path(store))
+        found: dict[str, Any] = {
+            name: {"epochs": way.epochs, "searches": [], "trained": []} for name, way in ways.items()
+        }
+        if place.exists():
+            recorded = json.loads(place.read_text(encoding="utf-8"))
+            if recorded["table"] != space.table.digest:
+                raise SystemExit(
+                    f"{place} is of the table {recorded['table'][:12]}; expected {space.table.digest[:12]}"
+                )
+            found |= recorded["ways"]
+        peers = [name for name in ways if name.startswith("openevolve")]
+        turns = [(seed, name) for seed in range(searches) for name in ways if name not in peers]
+        for seed, name in turns + [(seed, name) for seed in range(fewer) for name in peers]:
+            if seed < len(found[name]["searches"]):
+                continue
+            visits = ways[name].search(seed, max(BUDGETS) // ways[name].epochs)
+            found[name]["searches"].append(handed_over(visits, ways[name].epochs))
+            found[name]["trained"].append(len(visits))
+            place.write_text(_written(space.table.digest, found), encoding="utf-8")
+    return found
+
+
+def _written(digest: str, found: Mapping[str, Any]) -> str:
+    """Write a way a line; of each search pairs of network and seed, a budget each."""
+    lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(way, separators=(',', ':'))}" for name, way in found.items())
+    return f'{{"table": {json.dumps(digest)}, "budgets": {json.dumps(BUDGETS)}, "ways": {{\n{lines}\n}}}}\n'
+
+
 def main() -> None:
-    """Print a line a figure."""
+    """Search on, and print both tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--real", action="store_true", help="train, and do not look trainings up")
-    parser.add_argument("--searches", type=int, default=40, metavar="N", help="of each way (default: 40)")
-    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="of the first search (default: 0)")
+    parser.add_argument("--searches", type=int, default=0, metavar="N", help="of each way, those recorded included")
+    parser.add_argument("--fewer", type=int, default=0, metavar="N", help="of openevolve")
     options = parser.parse_args()
-    for figure in reach(searches=options.searches, first=options.first, is_real=options.real):
-        print(figure)
+    space = Space(read_table(Path(compose(["experiment=table"]).data.root or "")))
+    print(table(space, reach(space, RESULTS, options.searches, options.fewer)))
 
 
 if __name__ == "__main__":

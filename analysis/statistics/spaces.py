@@ -1,48 +1,99 @@
-"""Figures from the table of a whole space: the worth of a fitness, and how far a search's network is from the best."""
+"""Figures from the table of a whole space: the worth of a fitness, and how good the network is that a search finds.
+
+A network that was chosen by a training is never judged by it: all losses here are of the seeds that did not choose.
+"""
+
+from collections.abc import Collection
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from analysis.statistics.seed_noise import WORTH, worth
+from analysis.statistics.seed_noise import WORTH, agreement, icc
+from tacevo.parts.kinds import FITNESS
+from tacevo.parts.registry import of_settings
 from tacevo.rounding import rounded
 
 #: The columns of what a fitness is worth after so many epochs, by each rule.
-BY_EPOCHS = {"epochs": "int64", **WORTH}
+BY_EPOCHS = {"epochs": "int64", **{name: kind for name, kind in WORTH.items() if name != "median"}}
+
+
+def unseen_loss(losses: ArrayLike, seen: Collection[int]) -> float:
+    """Judge a network by the seeds that did not choose it.
+
+    Args:
+        losses: its test losses above 0, a seed each, shape (S,).
+        seen: the seeds that whoever chose it has looked at, each in [0, S); others are left.
+
+    Returns:
+        The mean logarithm of the losses under the other seeds.
+
+    Raises:
+        ValueError: no seed is left.
+    """
+    left = np.delete(np.asarray(losses, dtype=np.float64), list(seen))
+    if not left.size:
+        raise ValueError("expected a seed that did not choose the network; all of them did")
+    return rounded(float(np.log(left).mean()))
+
+
+def best_unseen_loss(losses: ArrayLike) -> float:
+    """Return the loss of the best network that all seeds but one can choose, judged by that one.
+
+    The lowest mean over all seeds is partly luck. Here each seed judges once, and the others choose.
+
+    Args:
+        losses: test losses above 0 of n networks under S >= 2 seeds, shape (n, S).
+
+    Returns:
+        The mean over the seeds of the logarithm of the chosen network's loss; of equal networks the first is chosen.
+    """
+    logs = np.log(np.asarray(losses, dtype=np.float64))
+    seeds = range(logs.shape[1])
+    chosen = [int(np.delete(logs, seed, axis=1).mean(axis=1).argmin()) for seed in seeds]
+    return rounded(float(np.mean([logs[row, seed] for row, seed in zip(chosen, seeds, strict=True)])))
 
 
 def worth_by_epochs(losses: ArrayLike, scores: ArrayLike) -> pd.DataFrame | None:
-    """Compare what a fitness is worth by each rule after every number of epochs; for the values see `seed_noise.worth`.
+    """Compare what a fitness is worth by each rule after every number of epochs.
 
     Args:
         losses: validation losses of n networks, S >= 2 seeds and E epochs, shape (n, S, E).
-        scores: test scores of the weights of the best validation epoch, lower is better, shape (n, S).
+        scores: test losses above 0, of the weights of the best validation epoch: under the same seeds, shape (n, S).
 
     Returns:
-        A row for each number of epochs and rule (`BY_EPOCHS`); None of one seed.
+        A row for each number of epochs and rule (`BY_EPOCHS`): the ICC of one training with its interval, and
+        Kendall's tau of the fitness under one seed with `unseen_loss`, the mean over the seeds. None of one seed.
     """
-    curves = np.asarray(losses, dtype=np.float64)
-    frames = []
-    for epochs in range(1, curves.shape[2] + 1):
-        rows = worth(curves[:, :, :epochs], scores)
-        if rows is None:
-            return None
-        frames.append(rows.assign(epochs=epochs)[list(BY_EPOCHS)])
-    return pd.concat(frames, ignore_index=True).astype(BY_EPOCHS)
+    curves, tests = np.asarray(losses, dtype=np.float64), np.asarray(scores, dtype=np.float64)
+    seeds = range(tests.shape[1])
+    if len(seeds) < 2:
+        return None
+    judged = np.array([[unseen_loss(row, [seed]) for seed in seeds] for row in tests])
+    return _worth(curves, judged)
 
 
-def regret(scores: ArrayLike, chosen: int) -> tuple[float, int]:
-    """Compare one network of a space with all of them by the mean score over their seeds.
-
-    The best of many means is partly luck, so it is lower than the best network's true mean, and a regret too large.
+def worth_by_judge(losses: ArrayLike, fresh: ArrayLike) -> pd.DataFrame:
+    """Do what `worth_by_epochs` does with seeds that only judge.
 
     Args:
-        scores: lower is better, shape (n, S).
-        chosen: the network's row, in [0, n).
-
-    Returns:
-        Its mean less the lowest mean, at least 0; and its rank among all, from 1, equal ones sharing the best rank.
+        losses: validation losses of n networks, S seeds and E epochs, shape (n, S, E).
+        fresh: test losses above 0 under F other seeds, shape (n, F).
     """
-    means = np.asarray(scores, dtype=np.float64).mean(axis=1)
-    own = means[chosen]
-    return rounded(float(own - means.min())), 1 + int((means < own).sum())
+    curves = np.asarray(losses, dtype=np.float64)
+    judged = np.array([unseen_loss(row, []) for row in np.asarray(fresh, dtype=np.float64)])
+    return _worth(curves, np.repeat(judged[:, None], curves.shape[1], axis=1))
+
+
+def _worth(curves: np.ndarray, judged: np.ndarray) -> pd.DataFrame:
+    """Compare fitnesses with what judges each of them, shape (n, S)."""
+    rows = []
+    for epochs in range(1, curves.shape[2] + 1):
+        for name in FITNESS.ours:
+            rule = of_settings(FITNESS, name, None)
+            fitness = np.array([[rule.of(losses) for losses in network] for network in curves[:, :, :epochs].tolist()])
+            taus = [agreement(fitness[:, seed], judged[:, seed]) for seed in range(judged.shape[1])]
+            known, part = [tau for tau in taus if tau is not None], icc(fitness)
+            row = {"epochs": epochs, "rule": name, "one_seed": rounded(float(np.mean(known))) if known else None}
+            rows.append(row | ({} if part is None else part.columns("icc")))
+    return pd.DataFrame(rows, columns=list(BY_EPOCHS)).astype(BY_EPOCHS)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from analysis.statistics.spaces import BY_EPOCHS, regret, worth_by_epochs
+from analysis.statistics.spaces import BY_EPOCHS, best_unseen_loss, unseen_loss, worth_by_epochs, worth_by_judge
 from analysis.sweeps.rejections import rejection_rates
 from tacevo.api import frames
 from tacevo.api.runs import Run
@@ -22,7 +22,10 @@ from tacevo.records import Rejection
 from tacevo.results.space_table import read_table
 from tacevo.results.study import LOSS
 from tacevo.results.table_records import SpaceTable as Rows
-from tacevo.results.table_records import TableNetwork
+from tacevo.results.table_records import TableNetwork, TableTraining
+from tacevo.rounding import rounded
+from tacevo.runs.seeds import training_seed
+from tacevo.runs.table_answers import recorded_seeds
 from tacevo.storage.zipfiles import names_in
 from tacevo.training.full import FullTraining
 
@@ -34,13 +37,14 @@ if TYPE_CHECKING:
 
 
 class Regret(NamedTuple):
-    """The distance of the network that a search found from the best of its space."""
+    """How much worse the network that a search found is than the best of its space, by seeds that chose neither."""
 
     #: Row of its fittest elite.
     network: int
-    #: The network's mean test loss over the seeds, less the lowest of all networks.
+    #: The network's mean log test loss (`SpaceTable.unseen_loss`), less that of the best network, likewise: 0.1 is a
+    #: loss that is a tenth higher. It can lie below 0.
     loss: float
-    #: The network's rank by that mean, from 1.
+    #: The network's rank, from 1: among the judged networks, or, where no judge has it, among all by the same seeds.
     rank: int
 
 
@@ -104,30 +108,85 @@ class SpaceTable:
     @property
     def scores(self) -> pd.DataFrame:
         """A row a network and seed, a column a test metric, as `Study.scores`; columns: `frames.TABLE_SCORES`."""
-        full = [row.full for row in self._rows.trainings if row.full is not None]
-        metrics = dict.fromkeys((name for training in full for name in training.metrics), "float64")
-        return frames.frame(self._scored(), {**frames.TABLE_SCORES, **metrics})
+        return _scores(self._rows.trainings)
+
+    @property
+    def judge(self) -> pd.DataFrame:
+        """A row a network and fresh seed of the judge, in the judge's order; columns as of `scores`.
+
+        Without rows where the table has no judge (`tacevo judge`).
+        """
+        rows = () if self._rows.judge is None else self._rows.judge.trainings
+        return _scores(rows)
 
     @property
     def worth(self) -> pd.DataFrame:
-        """The worth of a fitness after each number of epochs, by each rule; columns: `BY_EPOCHS`.
+        """The worth of a fitness after each number of epochs, by each rule, over all networks (`worth_of`)."""
+        return self.worth_of()
 
-        The ICC of one training, and Kendall's tau with the test loss at the best epoch under other seeds; networks that
-        failed are left out. Without rows where the table has one seed.
+    def worth_of(self, **genes: bool | float | str) -> pd.DataFrame:
+        """Return the worth of a fitness among the networks of some genes, after each number of epochs, by each rule.
+
+        The ICC of one training, and Kendall's tau of the fitness under one seed with the mean log test loss under seeds
+        that it has not seen, the mean over the recorded seeds: the judge's, among the networks that it has, or else all
+        other recorded ones. Networks that failed are left out. Without rows where there is one seed, and no judge.
+
+        Args:
+            genes: a value of each, such as `down="max", norm="batch"`; none for all networks.
+
+        Returns:
+            Columns: `BY_EPOCHS`.
+
+        Raises:
+            ConfigError: the space has no such gene, or fewer than two of its networks have these values.
         """
-        _, losses, scores = self._sound()
-        rows = worth_by_epochs(losses, scores)
-        return frames.frame([], BY_EPOCHS) if rows is None else rows
+        chosen = self._with_genes(genes)
+        if self._rows.judge is not None:
+            rows = [row for row in self._fresh if row in self._tests and chosen(row)]
+            if len(rows) > 1:
+                return worth_by_judge(self._losses(rows), [self._fresh[row] for row in rows])
+        rows = [row for row in self._tests if chosen(row)]
+        if len(rows) < 2:
+            raise ConfigError(f"{genes}", place="genes", expected="values that two networks or more of the table have")
+        worth = worth_by_epochs(self._losses(rows), [self._tests[row] for row in rows])
+        return frames.frame([], BY_EPOCHS) if worth is None else worth
+
+    def unseen_loss(self, network: int, *, seen: Collection[int]) -> float:
+        """Judge a network by the seeds that did not choose it.
+
+        Args:
+            network: its row.
+            seen: rows of the recorded seeds that whoever chose it has looked at.
+
+        Returns:
+            The mean logarithm of its test loss: under the judge's fresh seeds where the judge has it, or else under the
+            other recorded seeds.
+
+        Raises:
+            ConfigError: no such network trained with every seed; or no seed is left.
+        """
+        if network in self._fresh:
+            return unseen_loss(self._fresh[network], ())
+        if network not in self._tests:
+            raise ConfigError(repr(network), place="network", expected="the row of one that trained with every seed")
+        seeds = range(len(self._rows.header.seeds))
+        if not set(seeds) - set(seen) or not set(seen) <= set(seeds):
+            expected = f"rows of the {len(seeds)} recorded seeds, and not all of them"
+            raise ConfigError(repr(seen), place="seen", expected=expected, remedy="`tacevo judge` trains fresh seeds")
+        return unseen_loss(self._tests[network], set(seen))
 
     def regret(self, run: Run) -> Regret:
-        """Compare the fittest elite of a run with all networks, by their test loss.
+        """Compare the fittest elite of a run with the best network, by seeds that chose neither (`unseen_loss`).
+
+        The best is the network that all seeds but one choose, judged by that one, the mean over the seeds: of the judge
+        where there is one, or else of the recorded ones.
 
         Args:
             run: one that looked its evaluations up in this table, or trained on the data set that it is of.
 
         Raises:
             RunError: the run is of other data, or has no elite; or that is not a network of this table, or failed.
-            ConfigError: it is not an open run.
+            ConfigError: it is not an open run; or the table has one seed, which chose, and no judge.
         """
         if not isinstance(run, Run):
             raise _not_open(run, "run", "one run, opened")
@@ -139,11 +198,24 @@ class SpaceTable:
         own = self._by_hash.get(str(run.candidates.loc[best, "source"]))
         if own is None:
             raise RunError("a network that is not in it", place=place, expected=expected)
-        rows, _, scores = self._sound()
-        if own not in rows:
+        if own not in self._tests:
             raise RunError(f"network {own}, which did not", place=place, expected=expected)
-        loss, rank = regret(scores, rows.index(own))
-        return Regret(network=own, loss=loss, rank=rank)
+        seen = self._seen(run, own)
+        loss = self.unseen_loss(own, seen=seen)
+        judging = self._fresh or self._tests
+        others = [self.unseen_loss(row, seen=seen) for row in judging if row != own]
+        if len(next(iter(judging.values()))) < 2:
+            raise ConfigError("one", place="seeds", expected="a table of two seeds or more, or with a judge")
+        least = best_unseen_loss(list(judging.values()))
+        rank = 1 + sum(other < loss for other in others)
+        return Regret(network=own, loss=rounded(loss - least), rank=rank)
+
+    def _seen(self, run: Run, network: int) -> set[int]:
+        """Return the rows of the recorded seeds by which a run chose a network."""
+        seed, seeds = training_seed(run.config.seed, 0), self._rows.header.seeds
+        if run.recorded.record.data.fingerprint == self.digest:
+            return {recorded_seeds(self._rows, run.config.seed, self._rows.networks[network].source)[seed]}
+        return {seeds.index(seed)} if seed in seeds else set()
 
     def size_and_power(self, sweep: Sweep, *, seeds: int) -> pd.DataFrame:
         """Return how often the tests of `tacevo ablations` reject with so many seeds an arm; columns: `RATES`.
@@ -190,19 +262,31 @@ class SpaceTable:
     def _by_hash(self) -> dict[str, int]:
         return {network.sha256: row for row, network in enumerate(self._rows.networks)}
 
-    def _sound(self) -> tuple[list[int], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the networks that trained with every seed, their losses (n, S, E) and test losses (n, S)."""
-        header, verdicts = self._rows.header, self._rows.verdicts
-        metric = LOSS[header.data.kind]
-        seeds = range(len(header.seeds))
-        trained = {
-            row: full
-            for row in range(len(self._rows.networks))
-            if len(full := [one for s in seeds if isinstance(one := verdicts.get((row, s)), FullTraining)])
-            == len(seeds)
-        }
-        losses = np.array([[one.training.validation_losses for one in full] for full in trained.values()])
-        return list(trained), losses, np.array([[one.metrics[metric] for one in full] for full in trained.values()])
+    @cached_property
+    def _tests(self) -> dict[int, list[float]]:
+        """The test losses of each network that trained with every recorded seed, by its row."""
+        return _test_losses(self._rows)
+
+    @cached_property
+    def _fresh(self) -> dict[int, list[float]]:
+        """The same by the judge's fresh seeds; empty without a judge."""
+        return {} if self._rows.judge is None else _test_losses(self._rows.judge)
+
+    def _losses(self, rows: Sequence[int]) -> NDArray[np.float64]:
+        """Return the validation losses of networks that trained with every recorded seed, shape (n, S, E)."""
+        verdicts, seeds = self._rows.verdicts, range(len(self._rows.header.seeds))
+        full = [[verdicts[row, seed] for seed in seeds] for row in rows]
+        curves = [[one.training.validation_losses for one in each if isinstance(one, FullTraining)] for each in full]
+        return np.array(curves)
+
+    def _with_genes(self, genes: Mapping[str, bool | float | str]) -> Callable[[int], bool]:
+        """Return what answers whether the network of a row has these values."""
+        known = {name for network in self._rows.networks for name in network.genome or {}}
+        if unknown := sorted(genes.keys() - known):
+            raise ConfigError(", ".join(unknown), place="genes", expected=f"of {', '.join(sorted(known))}")
+        if not genes:
+            return lambda row: True
+        return lambda row: genes.items() <= (self._rows.networks[row].genome or {}).items()
 
     def _epochs(self) -> Iterator[dict[str, Any]]:
         for row in self._rows.trainings:
@@ -218,18 +302,27 @@ class SpaceTable:
                     "validation_loss": validation,
                 }
 
-    def _scored(self) -> Iterator[dict[str, Any]]:
-        for row in self._rows.trainings:
-            verdict, columns = row.verdict, {"network": row.network, "seed": row.seed}
-            if isinstance(verdict, Rejection):
-                yield {**columns, "failed": verdict.reason.value}
-            else:
-                yield {
-                    **columns,
-                    "epoch": verdict.epoch,
-                    "validation_loss": verdict.validation_loss,
-                    **verdict.metrics,
-                }
+
+def _scores(rows: Sequence[TableTraining]) -> pd.DataFrame:
+    full = [row.full for row in rows if row.full is not None]
+    metrics = dict.fromkeys((name for training in full for name in training.metrics), "float64")
+    return frames.frame(map(_scored, rows), {**frames.TABLE_SCORES, **metrics})
+
+
+def _scored(row: TableTraining) -> dict[str, Any]:
+    verdict, columns = row.verdict, {"network": row.network, "seed": row.seed}
+    if isinstance(verdict, Rejection):
+        return {**columns, "failed": verdict.reason.value}
+    return {**columns, "epoch": verdict.epoch, "validation_loss": verdict.validation_loss, **verdict.metrics}
+
+
+def _test_losses(rows: Rows) -> dict[int, list[float]]:
+    """Return the test losses of each network that trained with every seed of a table or its judge, by row."""
+    metric, losses = LOSS[rows.header.data.kind], dict[int, list[float]]()
+    for row in rows.trainings:
+        if row.full is not None:
+            losses.setdefault(row.network, []).append(row.full.metrics[metric])
+    return {network: each for network, each in losses.items() if len(each) == len(rows.header.seeds)}
 
 
 def _not_open(value: object, place: str, expected: str) -> ConfigError:

@@ -69,6 +69,13 @@ def _whole(text: str) -> int:
     raise argparse.ArgumentTypeError(f"expected an integer; got {text}")
 
 
+def _part(text: str) -> tuple[int, int]:
+    number, _, parts = text.partition("/")
+    if number.isdecimal() and parts.isdecimal() and 1 <= int(number) <= int(parts):
+        return int(number), int(parts)
+    raise argparse.ArgumentTypeError(f"expected a part of several, such as 1/4; got {text}")
+
+
 Run = Annotated[str, Takes("RUN", _place)]
 
 SweepPlace = Annotated[str, Takes("SWEEP", _sweep_place)]
@@ -285,6 +292,38 @@ def tabulate(*overrides: Override, output: File, seeds: Count = 1, config_dir: C
     from tacevo.cli.tabulate import run_tabulate
 
     return run_tabulate(overrides, output, seeds)
+
+
+@command()
+def judge(
+    table: File,
+    *overrides: Override,
+    output: File,
+    networks: Count = 96,
+    seeds: Count = 20,
+    part: Annotated[tuple[int, int] | None, Takes("K/N", _part)] = None,
+) -> int:
+    """Train the best networks of a table with fresh seeds, which judge what its own seeds choose.
+
+    The networks that a model of the genes puts first are trained with seeds that no search sees, and the table is
+    written with these trainings as its judge. The same command continues a stopped one. Several processes can share the
+    work: each trains a part, and one without --part writes the file in the end.
+
+    Examples:
+      tacevo judge space.zip -o judged.zip --part 1/4
+      tacevo judge space.zip -o judged.zip executor.workers=8
+
+    Args:
+        table: the table, as `tacevo tabulate` writes it
+        overrides: settings of executor, store and device, as in Hydra; all others are the table's
+        output: the file to write; it may be the table itself
+        networks: how many are judged (96)
+        seeds: fresh seeds of each (20)
+        part: train only part K of N, and write no file
+    """
+    from tacevo.cli.judge import run_judge
+
+    return run_judge(table, overrides, output, networks=networks, seeds=seeds, part=part)
 
 
 @command()

@@ -11,7 +11,7 @@ from tacevo.environment import as_typed
 from tacevo.reproduce.demo import compared
 from tacevo.results.lineage import changes
 from tacevo.results.run import RecordedRun
-from tacevo.results.study_directory import StudyDirectory, estimates_of
+from tacevo.results.study_directory import StudyDirectory, medians_of
 from tacevo.runs.progress import Progress
 from tacevo.studies.noise import estimate_noise, estimate_noise_of_sweep
 from tacevo.text import counted
@@ -34,7 +34,7 @@ def run_noise(words: Sequence[str]) -> int:
         trainings = f"{counted((elites + 1) * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"
         command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=reestimated elites={elites}"
         tell(f"next:   {command}    # {trainings}")
-    if not run.shortfall and (found := _best(run, studied.digest)):
+    if not run.shortfall and (found := _best(run, StudyDirectory(studied.directory))):
         tell(f"found:  {found} is the baseline after these instructions: {'; '.join(changes(run, found))}")
     status = end(studied, "lower elites=")
     if told := compared(run, StudyDirectory(studied.directory)):
@@ -42,8 +42,8 @@ def run_noise(words: Sequence[str]) -> int:
     return status
 
 
-def _best(run: RecordedRun, digest: str) -> str:
+def _best(run: RecordedRun, noise: StudyDirectory) -> str:
     """Return the id of the network whose re-estimate is the lowest; empty where that is the baseline."""
-    estimates = estimates_of(run.path, digest)
+    estimates = medians_of(noise)
     best = min(estimates, key=lambda name: (estimates[name], name), default="")
     return best if changes(run, best) else ""

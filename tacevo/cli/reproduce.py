@@ -64,7 +64,7 @@ def _replay_table(path: Path, store: str | None, others: int | None, draw: int |
         told = [table.name, table.failed, measure_table(table, view)]
         if others is not None:
             seed = draw or 1 + secrets.randbelow(_DRAWS)
-            told.append(retrain_table(table, others or None, seed, store, view))
+            told += [retrain_table(one, others or None, seed, store, view) for one in (table, table.judge) if one]
     equal = "EQUAL: every network of the space, with its source, and the seeds; scores by their confusion"
     left = (
         "losses, predictions, weights, failed trainings and the trivial loss are compared by --retrain alone; versions "
@@ -72,6 +72,8 @@ def _replay_table(path: Path, store: str | None, others: int | None, draw: int |
     )
     for text in [*told, f"{equal}; {left}"]:
         tell(text)
+    if table.judge is not None:
+        tell(f"judge:  those that the model of the genes puts first, by fresh seeds; its digest: {table.judge.digest}")
     tell(f"digest: {table.digest}")
     return DONE
 

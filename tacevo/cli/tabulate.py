@@ -14,7 +14,7 @@ from tacevo.sandbox.kernel import lower_priority
 from tacevo.studies.tabulate import tabulate
 
 #: The niceness of hours of trainings, which a desk's other work must not wait for.
-_NICE = 10
+NICE = 10
 
 
 def run_tabulate(overrides: Sequence[str], output: str, seeds: int) -> int:
@@ -25,9 +25,9 @@ def run_tabulate(overrides: Sequence[str], output: str, seeds: int) -> int:
     output_directory(target.parent)
     if target.is_dir():
         raise ConfigError(f"the directory {target}", place="-o", expected="the file to write")
-    lower_priority(_NICE)
+    lower_priority(NICE)
     with Progress() as view:
-        view.say(f"at low priority (nice {_NICE}): other work of this machine goes first")
+        view.say(f"at low priority (nice {NICE}): other work of this machine goes first")
         table = tabulate(config, target, view, seeds=seeds)
     tell(f"table:  {output} ({table.name})")
     for line in table.failures:

@@ -196,7 +196,7 @@ OUTPUTS = Kind(
 
 #: Our commands by group, as the help lists them. Each is a name in `tacevo.cli.commands`.
 COMMAND_GROUPS: Mapping[str, tuple[str, ...]] = {
-    "search": ("search", "extend", "study", "noise", "tabulate", "plan"),
+    "search": ("search", "extend", "study", "noise", "tabulate", "judge", "plan"),
     "reproduce": ("replay", "export", "publish", "cache"),
     "analyse": ("show", "tables", "figures", "report", "ablations", "pairs"),
     "tools": ("init", "data", "check", "parts", "track", "doctor"),

@@ -1,6 +1,7 @@
 """The table of a space, verified: its rows follow from each other, and are measured and trained again, bit for bit."""
 
 from dataclasses import replace
+from itertools import zip_longest
 
 from tacevo.choices import Confinement, Device
 from tacevo.config.schema import ExecutorConfig, SandboxConfig, StoreConfig
@@ -10,12 +11,14 @@ from tacevo.errors import BundleError, ConfigError, DataError, DivergenceError, 
 from tacevo.parts.facts import HERE
 from tacevo.records import DataFacts, Json, Mode, to_json
 from tacevo.reproduce.retrain import BY_MACHINE, doubts_of, sampled
+from tacevo.results.gene_model import put_first
 from tacevo.results.space_table import card
-from tacevo.results.table_records import CARD, SpaceTable, TableNetwork
+from tacevo.results.table_header import HEADER
+from tacevo.results.table_records import CARD, JUDGE, TRAININGS, SpaceTable, TableNetwork
 from tacevo.rules import CURRENT, LIKE_TODAY, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.datasets import load_same, source_of, trivial_of
 from tacevo.runs.progress import Progress
-from tacevo.runs.seeds import training_seed
+from tacevo.runs.seeds import judge_seed, training_seed
 from tacevo.runs.wiring import Workbench, check_means
 from tacevo.storage.canonical import canonical, differences
 from tacevo.studies.tabulate import members, network_of
@@ -52,9 +55,25 @@ def verify_table(table: SpaceTable) -> None:
         raise DivergenceError(f"{list(header.seeds)}", place=place, expected=said)
     if config.data.facts.is_made:
         _check_facts(table, _simulated(table))
-    if table.card != card(header, table.networks):
+    judge = table.judge
+    if judge is not None:
+        _check_judge(table, judge)
+    if table.card != card(header, table.networks, None if judge is None else (judge.header, judge.trainings)):
         place = f"{table.path}, {CARD}"
         raise DivergenceError("another text", place=place, expected="what follows from the rows")
+
+
+def _check_judge(table: SpaceTable, judge: SpaceTable) -> None:
+    """Check that the networks of a judge are those that the model puts first, and its seeds those that follow."""
+    networks, seed = put_first(table, len(judge.trained)), table.header.settings.seed
+    for number, (row, expected) in enumerate(zip_longest(judge.trained, networks), start=1):
+        if row != expected:
+            place, said = f"{table.path}, {JUDGE}{TRAININGS}, network {number}", f"network {expected}"
+            raise DivergenceError(f"network {row}", place=place, expected=f"{said}, in the order of the genes' model")
+    seeds = tuple(judge_seed(seed, number) for number in range(len(judge.header.seeds)))
+    if judge.header.seeds != seeds:
+        place, said = f"{table.path}, {JUDGE}{HEADER}, seeds", f"{list(seeds)}, those that follow from seed {seed}"
+        raise DivergenceError(f"{list(judge.header.seeds)}", place=place, expected=said)
 
 
 def _simulated(table: SpaceTable) -> DataFacts:
@@ -146,10 +165,10 @@ def _judged(network: TableNetwork) -> Json:
 
 
 def retrain_table(table: SpaceTable, count: int | None, draw: int, store: str | None, view: Progress) -> str:
-    """Train rows of a table again, and compare every bit; say what was compared.
+    """Train rows of a table, or of its judge, again, and compare every bit; say what was compared.
 
     Args:
-        table: a verified one.
+        table: a verified one, or the judge of one.
         count: how many rows to draw; None for all of them.
         draw: the number that the draw follows from, which no author of the table may know.
         store: where the images are kept, if not where the table's maker had them.
@@ -194,9 +213,9 @@ def retrain_table(table: SpaceTable, count: int | None, draw: int, store: str | 
             now, then = ({**to_json(each), "detail": ""} for each in (verdict, recorded))  # that is for people
             if now != then:
                 first = ".".join(map(str, next(iter(differences(then, now)), ())))
-                place, remedy = f"{table.path}, trainings.jsonl, line {row + 1}", "; ".join(doubts)
+                place, remedy = f"{table.path}, {table.part}{TRAININGS}, line {row + 1}", "; ".join(doubts)
                 raise DivergenceError(f"another {first}", place=place, expected="what was recorded", remedy=remedy)
-            view.say(f"line {row + 1}: as recorded ({done} of {len(rows)})")
+            view.say(f"{table.part}{TRAININGS}, line {row + 1}: as recorded ({done} of {len(rows)})")
     drawn = "" if count is None else f", drawn at random (--draw {draw} repeats this)"
-    every = counted(len(table.trainings), "training")
+    every = f"{counted(len(table.trainings), 'training')}{' of the judge' if table.part else ''}"
     return f"{len(rows)} of {every} were trained again: every bit is as recorded{drawn}"

@@ -2,7 +2,8 @@
 
 A zip file with a manifest, as published runs have it. Reading compares all members with the manifest, each source with
 its hash, and finds each network trained with each seed once. What it does not: whether records follow from each other
-(`tacevo.reproduce.space_table`).
+(`tacevo.reproduce.space_table`). A judge is a part of the file: a header and trainings of its own, of some of the
+networks with fresh seeds. Searches do not look into it, so the digest by which they know a table is that of the rest.
 
 A run that looked its evaluations up in a table knows it by its digest, not by its path: `find_table` finds it.
 """
@@ -26,6 +27,7 @@ from tacevo.results.table_header import HEADER, is_table
 from tacevo.results.table_records import (
     CARD,
     DECISIVE,
+    JUDGE,
     MANIFEST,
     NETWORKS,
     TRAININGS,
@@ -48,7 +50,10 @@ T = TypeVar("T", bound=Record)
 
 _MEMBERS = {HEADER, NETWORKS, TRAININGS, CARD, MANIFEST}
 
-_PLACES = re.compile("|".join(map(re.escape, sorted(_MEMBERS))))
+#: What a judge adds.
+_OF_JUDGE = {f"{JUDGE}{HEADER}", f"{JUDGE}{TRAININGS}"}
+
+_PLACES = re.compile("|".join(map(re.escape, sorted(_MEMBERS | _OF_JUDGE))))
 
 
 def check_size(header: Header, networks: int) -> None:
@@ -97,9 +102,16 @@ def check_networks(path: Path, networks: Sequence[TableNetwork]) -> None:
 
 
 def write_table(
-    path: Path, header: Header, networks: Sequence[TableNetwork], trainings: Sequence[TableTraining]
+    path: Path,
+    header: Header,
+    networks: Sequence[TableNetwork],
+    trainings: Sequence[TableTraining],
+    judge: tuple[Header, Sequence[TableTraining]] | None = None,
 ) -> SpaceTable:
     """Write a table, and read it again; equal rows give equal bytes. Trainings are by network, then by seed.
+
+    Those of a judge are by its networks in the order of `tacevo.results.gene_model`, then by seed; `network` is the row
+    in the table.
 
     Raises:
         StoreError: nothing can be written there.
@@ -109,8 +121,10 @@ def write_table(
         HEADER: readable(to_json(header)).encode(),
         NETWORKS: _lines(networks),
         TRAININGS: _lines(trainings),
-        CARD: card(header, networks).encode(),
+        CARD: card(header, networks, judge).encode(),
     }
+    if judge is not None:
+        members |= {f"{JUDGE}{HEADER}": readable(to_json(judge[0])).encode(), f"{JUDGE}{TRAININGS}": _lines(judge[1])}
     manifest = "".join(f"{_sha256(data)}  {name}\n" for name, data in sorted(members.items()))
     for name, data in members.items():  # before the file is written, so that what stands there stays
         _check_member(path, name, data)
@@ -151,31 +165,45 @@ def _read(path: Path, _: int, size: int) -> SpaceTable:
     manifest = members.pop(MANIFEST)
     if manifest.decode(errors="replace") != "".join(f"{_sha256(members[n])}  {n}\n" for n in sorted(members)):
         raise damaged(path, MANIFEST, "the checksums of the other members", "others")
-    header = parse(Header, members[HEADER], place=f"{path}, {HEADER}", error=BundleError)
-    check_rules(path, header)
-    try:
-        settings = header.settings
-    except ConfigError as error:
-        place, remedy = f"{path}, {HEADER}, config.{error.place}", "another version made it: update tacevo"
-        raise BundleError(error.got, place=place, expected=error.expected, remedy=remedy) from error
-    table = SpaceTable(
-        path=path,
-        digest=_digest(header, settings, members),
-        header=header,
-        networks=tuple(_rows(TableNetwork, members, NETWORKS, path)),
-        trainings=tuple(_rows(TableTraining, members, TRAININGS, path)),
-        card=members[CARD].decode(errors="replace"),
-    )
+    if len(found := _OF_JUDGE & members.keys()) == 1:
+        missing = sorted(_OF_JUDGE - found)
+        raise BundleError(f"a file without {missing[0]}", place=str(path), expected="a judge's header and trainings")
+    networks = tuple(_rows(TableNetwork, members, NETWORKS, path))
+    judge = _part(path, members, networks, JUDGE) if found else None
+    table = replace(_part(path, members, networks), card=members[CARD].decode(errors="replace"), judge=judge)
     _check_text(table, members)
     check_data(table)
     check_rows(table)
     return table
 
 
+def _part(path: Path, members: Mapping[str, bytes], networks: tuple[TableNetwork, ...], part: str = "") -> SpaceTable:
+    """Read the header and the trainings of a table, or of its judge."""
+    header = parse(Header, members[f"{part}{HEADER}"], place=f"{path}, {part}{HEADER}", error=BundleError)
+    check_rules(path, header, part)
+    try:
+        settings = header.settings
+    except ConfigError as error:
+        place, remedy = f"{path}, {part}{HEADER}, config.{error.place}", "another version made it: update tacevo"
+        raise BundleError(error.got, place=place, expected=error.expected, remedy=remedy) from error
+    return SpaceTable(
+        path=path,
+        digest=_digest(header, settings, members[NETWORKS], members[f"{part}{TRAININGS}"]),
+        header=header,
+        networks=networks,
+        trainings=tuple(_rows(TableTraining, members, f"{part}{TRAININGS}", path)),
+        card="",
+        part=part,
+    )
+
+
 def _check_text(table: SpaceTable, members: Mapping[str, bytes]) -> None:
     """Check that each record is written in the one way in which tables have it, so that equal rows have one digest."""
     written = {HEADER: readable(to_json(table.header)).encode()}
     written |= {NETWORKS: _lines(table.networks), TRAININGS: _lines(table.trainings)}
+    if (judge := table.judge) is not None:
+        written[f"{JUDGE}{HEADER}"] = readable(to_json(judge.header)).encode()
+        written[f"{JUDGE}{TRAININGS}"] = _lines(judge.trainings)
     for name, text in written.items():
         if text != members[name]:
             pairs = zip_longest(text.split(b"\n"), members[name].split(b"\n"))
@@ -183,8 +211,8 @@ def _check_text(table: SpaceTable, members: Mapping[str, bytes]) -> None:
             raise damaged(table.path, f"{name}, line {number}", "canonical JSON", "the same written otherwise")
 
 
-def _digest(header: Header, settings: RunConfig, members: Mapping[str, bytes]) -> str:
-    """Hash the rows and what decides them; not who made them, nor settings of searches."""
+def _digest(header: Header, settings: RunConfig, networks: bytes, trainings: bytes) -> str:
+    """Hash the rows and what decides them; not who made them, nor settings of searches, nor a judge beside them."""
     return content_hash(
         {
             "made_up": header.made_up,
@@ -194,12 +222,17 @@ def _digest(header: Header, settings: RunConfig, members: Mapping[str, bytes]) -
             "rules": to_json(replace(header.rules, core=0)),  # the core trains nothing
             "study": header.study,
             "trivial": header.trivial,
-            **{name: _sha256(members[name]) for name in (NETWORKS, TRAININGS)},
+            NETWORKS: _sha256(networks),
+            TRAININGS: _sha256(trainings),
         }
     )
 
 
-def card(header: Header, networks: Sequence[TableNetwork]) -> str:
+def card(
+    header: Header,
+    networks: Sequence[TableNetwork],
+    judge: tuple[Header, Sequence[TableTraining]] | None = None,
+) -> str:
     """Write what a table is of, how it was made, and what it cannot say."""
     config, (train, validation, test) = header.settings, header.data.counts
     training, refused = config.training, sum(network.rejection is not None for network in networks)
@@ -224,11 +257,23 @@ def card(header: Header, networks: Sequence[TableNetwork]) -> str:
         f"{header.data.image_size} px; fingerprint {in_markdown(header.data.fingerprint)}.\n\n    {canonical(kept)}\n\n"
         f"Space (`llm.space`):\n\n    {canonical(None if config.llm.space is None else to_json(config.llm.space))}\n\n"
         f"Versions: {_claimed(header.versions)}\n\nMachine: {_claimed(header.machine)}\n\n"
+        f"{'' if judge is None else _said_of(*judge)}"
         "`table.json` holds the configuration, `networks.jsonl` a network a line (genome, source, profile), "
         "`trainings.jsonl` a training a line: losses of each epoch, the epoch of the lowest validation loss and its "
         "test metrics. `tacevo replay FILE --retrain N` trains N rows again, bit for bit.\n\n"
         "What it cannot say: anything of networks outside its space, of other data, or of another recipe. With few "
         "seeds the best network of a table is partly luck.\n"
+    )
+
+
+def _said_of(judge: Header, trainings: Sequence[TableTraining]) -> str:
+    """Write what a judge is."""
+    judged = counted(len({row.network for row in trainings}), "network")
+    config = judge.settings
+    return (
+        f"Judge: {judged}, those that a model of the genes puts first, trained with {len(judge.seeds)} fresh seeds "
+        f"each (numerics {config.numerics.kind}, {config.training.device}), in `judge/`; no search looks them up.\n\n"
+        f"Versions of the judge: {_claimed(judge.versions)}\n\nIts machine: {_claimed(judge.machine)}\n\n"
     )
 
 

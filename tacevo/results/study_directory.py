@@ -271,6 +271,14 @@ def _row(lines: Sequence[StudyHeader | Row]) -> str:
     return f"line {len(lines) + 1}" if lines else "the header"
 
 
+def medians_of(directory: StudyDirectory) -> dict[str, float]:
+    """Return the median validation loss of each network of a finished study, by id, but of those of which one failed."""
+    losses: dict[str, list[float]] = {}
+    for row in directory.read_finished().rows:
+        losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
+    return {name: median(values) for name, values in losses.items() if max(values) < math.inf}
+
+
 def estimates_of(run: Path, study: Design) -> dict[str, float]:
     """Return the losses that the elites of a study were chosen by, by id, where these are not their recorded fitness.
 
@@ -287,10 +295,7 @@ def estimates_of(run: Path, study: Design) -> dict[str, float]:
     for directory in studies_of(run):
         if (record := directory.read()).digest == study.chosen_by:
             _check_choosing(record, study, str(directory.path))
-            losses: dict[str, list[float]] = {}
-            for row in directory.read_finished().rows:
-                losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
-            return {name: median(values) for name, values in losses.items() if max(values) < math.inf}
+            return medians_of(directory)
     what, again = ("choice", "tacevo study") if study.validated else ("noise run", "tacevo noise")
     raise RunError(
         f"studies of the digests {listed(str(each.read().digest)[:12] for each in studies_of(run))}",

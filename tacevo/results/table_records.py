@@ -24,6 +24,9 @@ NETWORKS, TRAININGS, CARD, MANIFEST = (
     "manifest.sha256",
 )
 
+#: Before the names of the members that a judge adds: its header and its trainings. Its networks are those of the table.
+JUDGE = "judge/"
+
 #: The keys of the configuration that decide the rows, beside the data, the seeds and the rules.
 DECISIVE = (
     "data.image_size",
@@ -117,7 +120,10 @@ class TableTraining(Record):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpaceTable:
-    """A table that was read; each network that the gate admitted has a training with each seed."""
+    """A table that was read; each network that the gate admitted has a training with each seed.
+
+    A judge is a table of the same networks, in which some have a training with each of its own seeds.
+    """
 
     path: Path
     #: The hash of the rows and of the settings that decide them, so that equal rows are equal data of a search.
@@ -128,6 +134,10 @@ class SpaceTable:
     trainings: tuple[TableTraining, ...]
     #: The text of its README.
     card: str
+    #: Some of the networks, trained with fresh seeds that judge them; None where the file has no such part.
+    judge: "SpaceTable | None" = None
+    #: Before the names of its members in the file: empty, or `JUDGE`.
+    part: str = ""
 
     @cached_property
     def by_source(self) -> Mapping[str, int]:
@@ -140,12 +150,23 @@ class SpaceTable:
         return {(row.network, row.seed): row.verdict for row in self.trainings}
 
     @property
+    def trained(self) -> tuple[int, ...]:
+        """The rows of the networks that have trainings, in the order of these."""
+        return tuple(dict.fromkeys(row.network for row in self.trainings))
+
+    @property
     def name(self) -> str:
         """The size and the task of the table, in a line."""
         header = self.header
         what = "MADE UP, not trained: " if header.made_up else ""
         seeds = counted(len(header.seeds), "seed")
-        return f"{what}{counted(len(self.networks), 'network')} for {header.task.name}, {seeds} each"
+        judged = "" if self.judge is None else f"; {self.judge.as_judge}"
+        return f"{what}{counted(len(self.networks), 'network')} for {header.task.name}, {seeds} each{judged}"
+
+    @property
+    def as_judge(self) -> str:
+        """The size of a judge, in words."""
+        return f"{len(self.trained)} of them judged by {counted(len(self.header.seeds), 'fresh seed')} each"
 
     @property
     def failures(self) -> list[str]:
@@ -153,14 +174,14 @@ class SpaceTable:
         refused = [
             f"network {row}: {network.rejection.reason}"
             for row, network in enumerate(self.networks)
-            if network.rejection is not None
+            if network.rejection is not None and not self.part
         ]
         failed = [
             f"network {row.network}, seed {row.seed}: {row.rejection.reason}"
             for row in self.trainings
             if row.rejection is not None
         ]
-        return refused + failed
+        return refused + failed + ([] if self.judge is None else [f"judge: {line}" for line in self.judge.failures])
 
     @property
     def failed(self) -> str:

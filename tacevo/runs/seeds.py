@@ -8,6 +8,11 @@ def training_seed(seed: int, number: int) -> int:
     return derived_seed(seed, "training", *([number] if number else []))
 
 
+def judge_seed(seed: int, number: int) -> int:
+    """Return the training seed of a number, from 0, of the judge of a table of a run's seed: no search has it."""
+    return derived_seed(seed, "judge", number)
+
+
 def noise_seed(seed: int, number: int) -> int:
     """Return the training seed of a number, from 0, of the noise runs of a run's seed."""
     return derived_seed(seed, "noise", number)

@@ -1,6 +1,6 @@
 """Searches whose probes and trainings are looked up in the table of a space (data=table)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,8 +14,8 @@ from tacevo.parts.source import Catalogue
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, Rejection, Task, Training, to_json
 from tacevo.results.space_table import read_table
+from tacevo.results.table_checks import check_like_today
 from tacevo.results.table_records import DECISIVE, SpaceTable, value_of
-from tacevo.rules import LIKE_TODAY
 from tacevo.runs.progress import Progress
 from tacevo.runs.seeds import noise_seed, training_seed
 from tacevo.sandbox.client import Finished, Frame, RunJob, Score
@@ -32,7 +32,7 @@ def table_of(config: RunConfig) -> SpaceTable:
         ConfigError: the table is of other settings or rules, or of fewer epochs.
     """
     table = read_table(Path(config.data.root or ""))
-    header, made = table.header, table.header.settings
+    made = table.header.settings
     if config.llm.space is None:
         raise ConfigError(
             f"llm={config.llm.provider}, which is not bound to a space",
@@ -45,12 +45,7 @@ def table_of(config: RunConfig) -> SpaceTable:
         if ours != theirs:
             expected = f"{canonical(to_json(theirs))}, as in the table {table.path}"
             raise ConfigError(canonical(to_json(ours)), place=key, expected=expected)
-    for part, known in LIKE_TODAY.items():
-        number = getattr(header.rules, part)
-        if number not in known:
-            place, remedy = f"{table.path}, rules.{part}", "`tacevo tabulate` makes a table under the rules of today"
-            expected = f"{', '.join(map(str, sorted(known)))}, which are like those of this version"
-            raise ConfigError(str(number), place=place, expected=expected, remedy=remedy)
+    check_like_today(table)
     _check_most("training.epochs", config.training.epochs, made.training.epochs, f"the epochs of {table.path}")
     if config.llm.slip_rate:
         expected = "0 with data=table, which has no networks with mistakes"
@@ -90,10 +85,7 @@ class LookedUp:
     @property
     def evaluator(self) -> Callable[..., Evaluator]:
         """The function that makes the evaluator of a search."""
-        table, seed = table_of(self.config), self.config.seed
-        others = len(table.header.seeds) - 1
-        numbered = [training_seed(seed, 0), *(noise_seed(seed, number) for number in range(others))]
-        return partial(_LookedUp, table, numbered)
+        return partial(_LookedUp, table_of(self.config), self.config.seed)
 
     def data(self, view: Progress, catalogue: Catalogue | None) -> Dataset:
         """Return the data set of the table without its images; the table's digest is its fingerprint."""
@@ -129,19 +121,38 @@ def probes_of(table: SpaceTable) -> RunJob:
     return answer
 
 
-class _LookedUp(Evaluator):
-    """The trainings of a search, each the beginning of a recorded one.
+def recorded_seeds(table: SpaceTable, seed: int, source: str) -> dict[int, int]:
+    """Return which recorded seed stands for which training seed of a run, for one of its networks.
 
-    Which recorded seed stands for a training seed is drawn for each source: noise is independent between networks, and
-    equal sources share one. `numbered` are as many seeds as the table has: that of the run's trainings, and then those
-    of its noise runs. They are drawn without replacement, so a re-estimate is never of a training that the search has
-    seen. The digests are those of the whole recorded training.
+    It is drawn for each source: noise is independent between networks, and equal sources share one. There are as many
+    training seeds as the table has: that of the run's search, and then those of its noise runs. They are drawn without
+    replacement, so a re-estimate is never of a training that the search has seen.
+
+    Args:
+        table: in which the run looks its trainings up.
+        seed: of the run.
+        source: the network's source, of which the table has a row.
+
+    Returns:
+        The row of the recorded seed in the table's header, by training seed; the search's first.
+    """
+    others = range(len(table.header.seeds) - 1)
+    numbered = [training_seed(seed, 0), *(noise_seed(seed, number) for number in others)]
+    sha256 = table.networks[_row(table, source)].sha256
+    order = stream(numbered[0], "table", sha256).permutation(len(numbered))
+    return dict(zip(numbered, order.tolist(), strict=True))
+
+
+class _LookedUp(Evaluator):
+    """The trainings of a search, each the beginning of a recorded one (see `recorded_seeds`).
+
+    The digests are those of the whole recorded training.
     """
 
     def __init__(
         self,
         table: SpaceTable,
-        numbered: Sequence[int],
+        seed: int,
         *,
         run: RunJob,
         store: Store,
@@ -150,21 +161,15 @@ class _LookedUp(Evaluator):
         rules: int,
     ) -> None:
         super().__init__(run=run, store=store, setting=setting, examples=examples, rules=rules)
-        self._table, self._numbered = table, numbered
+        self._table, self._seed = table, seed
 
     def _train(self, data: Examples, source: str, seed: int) -> Training | Rejection:
         row = _row(self._table, source)
-        verdict = self._table.verdicts[row, self._drawn(source, seed)]
+        verdict = self._table.verdicts[row, recorded_seeds(self._table, self._seed, source)[seed]]
         if isinstance(verdict, Rejection):
             return verdict
         epochs, full = self._setting.recipe.epochs, verdict.training
         return replace(full, train_losses=full.train_losses[:epochs], validation_losses=full.validation_losses[:epochs])
-
-    def _drawn(self, source: str, seed: int) -> int:
-        """Draw the row of the recorded seed."""
-        sha256 = self._table.networks[_row(self._table, source)].sha256
-        order = stream(self._numbered[0], "table", sha256).permutation(len(self._numbered))
-        return int(order[self._numbered.index(seed)])
 
 
 def _row(table: SpaceTable, source: str) -> int:

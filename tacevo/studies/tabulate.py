@@ -6,7 +6,7 @@ makes the same one. What costs most begins first, so that no long training is le
 
 import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import replace
 from pathlib import Path
@@ -60,7 +60,7 @@ def tabulate(config: RunConfig, target: Path, view: Progress, *, seeds: int = 1)
             with telling(lambda: True):  # whatever has ended is in the stores
                 networks = _probed(bench, every, view)
                 check_networks(target, networks)
-                trainings = _trained(bench, header.seeds, networks, data, view)
+                trainings = train_rows(bench, header.seeds, dict(enumerate(networks)), data, view)
     return write_table(target, header, networks, trainings)
 
 
@@ -116,18 +116,38 @@ def network_of(verdict: Admitted | Rejection, genome: Genome | None, source: str
     )
 
 
-def _trained(
-    bench: Workbench, seeds: Sequence[int], networks: Sequence[TableNetwork], data: Dataset, view: Progress
+def train_rows(
+    bench: Workbench,
+    seeds: Sequence[int],
+    networks: Mapping[int, TableNetwork],
+    data: Dataset,
+    view: Progress,
+    *,
+    number: int = 0,
+    parts: int = 1,
 ) -> list[TableTraining]:
-    """Train each network with each seed, and say how much is left, by FLOPs."""
+    """Train each network with each seed, or one part of these, and say how much is left, by FLOPs.
+
+    Args:
+        bench: what trains.
+        seeds: the training seeds.
+        networks: of the rows of a table.
+        data: to train on.
+        view: shows the progress.
+        number: of the part, in [0, parts).
+        parts: of about equal cost.
+
+    Returns:
+        The trainings by network, in the order given, then by seed.
+    """
     evaluator = bench.studies(STUDY, data.scale)
     costs = {
         (row, seed): network.profile.training_flops
-        for row, network in enumerate(networks)
+        for row, network in networks.items()
         if network.profile is not None
         for seed in range(len(seeds))
     }
-    order = sorted(costs, key=lambda job: -costs[job])
+    order = sorted(costs, key=lambda job: -costs[job])[number::parts]
     recorded = {job for job in order if evaluator.is_recorded(networks[job[0]].source, seeds[job[1]])}
     view.say(f"{counted(len(order), 'training')}, {len(recorded)} of them recorded already")
     left, began, done = sum(costs[job] for job in order if job not in recorded), time.monotonic(), 0
@@ -151,4 +171,4 @@ def _trained(
             rest = (time.monotonic() - began) * left / (total - left)
             time_left = f"; {lasting(rest)} left" if rest >= 60 else ""
             view.say(f"{len(rows)} of {len(order)} trainings are done{time_left}")
-    return [rows[job] for job in sorted(rows)]
+    return [rows[job] for job in costs if job in rows]

@@ -1,23 +1,32 @@
-"""Promise: a search is charged for all it trains, and counts as successful where what it hands over is good."""
+"""Promise: a way to search hands over once what its budget found, and is judged by seeds that it has not seen."""
 
-import math
-import re
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import ROOT
 from made_up import TINY, made_up_table
 
-from benchmarks.confinement import Seconds
-from benchmarks.reach import LONG, Space, Visit, Way, at_random, expected_seconds, reached, told
+from benchmarks.reach import (
+    BUDGETS,
+    RESULTS,
+    Handed,
+    Space,
+    Visit,
+    at_random,
+    handed_over,
+    mean,
+    searched,
+    table,
+)
+from tacevo.config.compose import compose
+from tacevo.results.run import read_run
+from tacevo.results.space_table import read_table
+from tacevo.runs.progress import Progress
+from tacevo.runs.session import search
 
 pytestmark = pytest.mark.room("table")
-
-PRICE = Seconds(probe=0.5, start=0.5, epoch=2)
-
-FREE = Seconds(probe=0, start=0, epoch=0)
-
-WAY = Way(5, PRICE, PRICE, lambda seed: ([], 0.0))
 
 
 @pytest.fixture
@@ -26,64 +35,59 @@ def space(place: Path) -> Space:
     return Space(made_up_table(place / "table.zip", *TINY, "training.epochs=10"))
 
 
-def test_baseline_has_the_measured_price(space: Space) -> None:
-    """Five epochs of its search, ten with each of two other seeds, and what the search took itself."""
-    visits = [Visit(network=0, loss=1.0, seed=0, generation=0)]
-    again = 2 * (0.5 + LONG * 2)
-    assert reached(space, WAY, visits, own=8.0, level=math.inf) == ((0.5 + 5 * 2) + again + 8, True)
-    assert reached(space, WAY._replace(price=FREE), visits, own=8.0, level=math.inf) == (again + 8, True)
+def test_fittest_network_that_the_budget_pays_for_is_handed_over() -> None:
+    """Later trainings count for larger budgets alone, whatever they found; of equally fit ones the first is taken."""
+    losses = [0.5, 0.4, 0.4, 0.9, 0.9, 0.1]
+    visits = [Visit(network, loss, network % 3) for network, loss in enumerate(losses)]
+    assert handed_over(visits, 10, (10, 50, 60, 400)) == [Handed(0, 0), Handed(1, 1), Handed(5, 2), Handed(5, 2)]
+    assert handed_over(visits, 5, (10, 15)) == [Handed(1, 1), Handed(1, 1)]
 
 
-def test_search_ends_after_the_generation_that_finds_a_good_network(space: Space) -> None:
-    """Later generations are not charged, nor their part of the search's own time; the generation itself is, whole."""
-    bad, good = int(space.test.argmax()), int(space.test.argmin())
-    space.lowest[good] = space.lowest.min() - 1  # under each seed
-    found = [(bad, 2.0, 0), (good, 1.0, 1), (0, 3.0, 1), (bad, 2.0, 2), (bad, 2.0, 2), (bad, 2.0, 2)]
-    visits = [Visit(network, loss, 0, generation) for network, loss, generation in found]
-    seconds, is_there = reached(space, WAY, visits, own=6.0, level=float(space.test[good]))
-    whole = sum(space.seconds(visit, 5, PRICE) for visit in visits[:3])
-    again = 2 * sum(space.seconds(visit, LONG, PRICE) for visit in visits[:3])
-    assert is_there
-    assert seconds == pytest.approx(whole + again + 4)
+def test_seed_that_chose_does_not_judge(space: Space) -> None:
+    """Whatever its test loss is; the mean is of logarithms."""
+    expected = float(np.log(space.tests[3, [0, 2]]).mean())
+    handed = [Handed(3, 1), Handed(3, 1)]
+    assert mean(space, handed).value == pytest.approx(expected, abs=1e-8)
+    assert mean(space, handed, handed).value == 0
 
 
-def test_fit_network_that_is_not_good_does_not_count(space: Space) -> None:
-    """What is handed over is chosen by the losses of other seeds than its search's, and judged by test losses."""
-    bad, good = int(space.test.argmax()), int(space.test.argmin())
-    space.lowest[bad, 1:] = space.lowest.min() - 1
-    visits = [Visit(good, 0.1, 0, 0), Visit(bad, 0.2, 0, 0)]
-    assert not reached(space, WAY, visits, own=0.0, level=float(space.test[good]))[1]
-    visits[1] = visits[1]._replace(seed=1)
-    space.lowest[bad, 2] = np.inf  # of the seed that is left beside 0
-    assert reached(space, WAY, visits, own=0.0, level=float(space.test[good]))[1]
+def test_many_searches_do_not_make_two_judges_more(space: Space) -> None:
+    """The error of one network that all searches hand over stays that of its judges."""
+    few, many = (mean(space, [Handed(3, 1)] * count) for count in (10, 1000))
+    assert few.error == pytest.approx(many.error)
+    assert few.error > 0
+    assert mean(space, [Handed(3, 1)] * 10, [Handed(3, 1)] * 10).error == pytest.approx(0, abs=1e-9)  # they share both
 
 
-def test_only_the_fittest_are_trained_again(space: Space) -> None:
-    """A good network that is the sixth by its own search is not found."""
-    good, *others = np.argsort(space.test)[:6]
-    visits = [Visit(int(row), 1.0, 0, 0) for row in others] + [Visit(int(good), 2.0, 0, 0)]
-    assert not reached(space, WAY, visits, own=0.0, level=float(space.test[good]))[1]
-
-
-def test_search_in_vain_is_charged_to_those_that_succeed() -> None:
-    """As ERT has it; without a success it is infinite."""
-    assert expected_seconds([(10.0, True), (30.0, False), (20.0, True)]) == 30
-    assert expected_seconds([(30.0, False)]) == math.inf
-
-
-def test_interval_holds_the_figure() -> None:
-    """It is told of enough searches alone, and is narrow where all are alike."""
-    found = [(10.0 + number, number % 3 > 0) for number in range(30)]
-    low, high = map(float, re.findall(r"(\d+) to (\d+)", told(found))[0])
-    assert low < expected_seconds(found) < high
-    assert told([(10.0, True)] * 10) == "10 of 10; 10 to 10"
-    assert told(found[:3]) == "2 of 3"
-
-
-def test_random_networks_are_distinct_and_pay_a_probe_each(space: Space) -> None:
-    """Their losses are those of one seed of the table, which no re-estimate takes."""
-    visits, own = at_random(space, 0, 4, 5, probe=0.5)
-    assert own == 2
+def test_random_networks_are_distinct(space: Space) -> None:
+    """Their losses are those of one seed of the table."""
+    visits = at_random(space, 0, 4, 5)
     assert len({visit.network for visit in visits}) == 4
     assert all(visit.loss == space.lowest[visit.network, visit.seed, 4] for visit in visits)
-    assert visits != at_random(space, 1, 4, 5, probe=0.5)[0]
+    assert visits != at_random(space, 1, 4, 5)
+
+
+def test_ours_searches_as_the_command_does(tmp_path: Path) -> None:
+    """The same networks in the same order, with the same losses, as a run of `experiment=table` records them."""
+    shipped = Space(read_table(ROOT / "cache/tables/grating-space.zip"))
+    place = [f"data.root={shipped.table.path}", f"store.root={tmp_path / 'cache'}", f"run.dir={tmp_path / 'run'}"]
+    settings = ["training.epochs=5", "proposals.skipped=0.5"]
+    config = compose(["experiment=table", "tracking=none", "seed=3", "search.generations=6", *place, *settings])
+    search(config, Progress())
+    recorded: dict[int, float] = {}
+    for line in read_run(tmp_path / "run").trained:
+        assert line.validation_losses is not None
+        recorded.setdefault(shipped.rows[str(line.source)], min(line.validation_losses))
+    ours = searched(shipped, 3, len(recorded), [*place[1:2], *settings])
+    assert [(visit.network, visit.loss) for visit in ours] == list(recorded.items())
+
+
+def test_page_shows_what_was_searched() -> None:
+    """Every row of both tables is that of results/reach.json, as it is judged now."""
+    recorded = json.loads(RESULTS.read_text(encoding="utf-8"))
+    shipped = Space(read_table(ROOT / "cache/tables/grating-space.zip"))
+    assert (recorded["table"], tuple(recorded["budgets"])) == (shipped.table.digest, BUDGETS)
+    levels, compared = table(shipped, recorded["ways"]).split("\n\n")
+    pages = {name: (ROOT / name).read_text(encoding="utf-8") for name in ("benchmarks/README.md", "docs/table.md")}
+    assert all(levels in page for page in pages.values())
+    assert compared in pages["benchmarks/README.md"]

@@ -44,7 +44,7 @@ ELSEWHERE = re.compile(r"    (pip|make|export|source|env|ray|mlflow|python|docke
 
 #: Commands that train, ask a model, need a cluster or draw thousands of images: until their first line, in a copy.
 LONG = re.compile(
-    r"tacevo (search(?!.* --estimate)|study|noise|tabulate|extend|export|data (show|simulate))\b|--retrain"
+    r"tacevo (search(?!.* --estimate)|study|noise|tabulate|judge|extend|export|data (show|simulate))\b|--retrain"
 )
 
 #: Of these, what the stores or a table have, and a network that learns in one epoch: to their end.

@@ -124,6 +124,7 @@ NAMING = {
         f"search experiment=table data.root={ROOT}/cache/tables/grating-space.zip tracking=none",
         f"replay {ROOT}/cache/tables/grating-space.zip",
         "tabulate experiment=space --output space.zip",
+        "judge space.zip --output judged.zip",
     ],
     "page": ["report runs/first --output page.html"],
     "document": ["report runs/first --latex --output paper"],

@@ -5,6 +5,8 @@ import re
 import pytest
 from checkout import ROOT
 
+from benchmarks.reach import Space
+from benchmarks.space import figures, worths
 from tacevo.api.space_tables import SpaceTable, open_table
 from tacevo.reproduce.space_table import verify_table
 from tacevo.results.space_table import read_table
@@ -29,13 +31,29 @@ def test_table_is_that_of_its_page(table: SpaceTable) -> None:
 
 
 def test_page_says_what_a_fitness_is_worth(table: SpaceTable) -> None:
-    """ICC and tau, of the last and of the lowest loss, as they are computed now."""
-    worth = table.worth.set_index(["epochs", "rule"])
-    shown = re.findall(r"^\| (\d+) \| (0\.\d\d) \| (0\.\d\d) \| (0\.\d\d) \| (0\.\d\d) \|$", PAGE, re.MULTILINE)
-    assert len(shown) == 5
-    for epochs, *figures in shown:
-        pairs = [(value, rule) for value in ("icc", "one_seed") for rule in ("last", "lowest")]
-        assert figures == [f"{worth.loc[(int(epochs), rule), value]:.2f}" for value, rule in pairs]
+    """ICC and tau, of the last and of the lowest loss, in the whole space and the good quarter, as computed now."""
+    rows = [*worths(Space(read_table(TABLE)))]
+    assert len(rows) == 5
+    assert "\n".join(rows) in PAGE
+    worth = table.worth_of(down="max", norm="batch").set_index(["epochs", "rule"])["icc"]
+    assert rows[3].split(" | ")[4] == f"{worth[10, 'lowest']:.2f}"
+
+
+def test_page_says_what_two_genes_explain() -> None:
+    """And how little is left among the networks that have both, as `benchmarks.space` prints it."""
+    said, page = "\n".join(figures(Space(read_table(TABLE)))), PAGE.replace("\n", " ")
+    for pattern, shown in (
+        (r"two genes explain 0\.(\d\d)", "explain {} %"),
+        (r"max, batch (0\.\d{3})", "means {} with both"),
+        (r"(\d+ of the best 38)", "holds {}"),
+        (r"among these (0\.\d\d)", "ICC of a test loss is {}"),
+        (r"reliability of a mean of 3 seeds (0\.\d\d)", "reliability of {}"),
+        (r"of all: (0\.\d{3})", "first has {} by that one"),
+        (r"last tenth of their epochs: (\d+)%", "{} % of the trainings"),
+    ):
+        found = re.search(pattern, said)
+        assert found is not None, pattern
+        assert shown.format(found[1]) in page, shown
 
 
 def test_page_says_how_good_networks_are(table: SpaceTable) -> None:

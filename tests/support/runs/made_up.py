@@ -9,8 +9,10 @@ from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.randomness import stream
 from tacevo.records import Reason, Rejection, Stage, Training
+from tacevo.results.gene_model import put_first
 from tacevo.results.space_table import write_table
 from tacevo.results.table_records import SpaceTable, TableTraining
+from tacevo.runs.seeds import judge_seed
 from tacevo.studies.tabulate import header_of, members, network_of
 from tacevo.training.full import FullTraining, StoredPredictions
 from tacevo.training.metrics import counted_metrics
@@ -88,3 +90,16 @@ def _training(row: int, seed: int, epochs: int, *, failed: bool) -> TableTrainin
             kept=StoredPredictions(predictions=digest, labels="f" * 64),
         ),
     )
+
+
+def made_up_judge(path: Path, table: SpaceTable, *, networks: int = 3, seeds: int = 4) -> SpaceTable:
+    """Write a made-up table with a judge, for which nothing was trained either."""
+    fresh = tuple(judge_seed(table.header.settings.seed, number) for number in range(seeds))
+    epochs = table.header.settings.training.epochs
+    trainings = [
+        replace(_training(row, 100 + seed, epochs, failed=False), seed=seed)
+        for row in put_first(table, networks)
+        for seed in range(seeds)
+    ]
+    judge = replace(table.header, seeds=fresh), trainings
+    return write_table(path, table.header, table.networks, table.trainings, judge)

@@ -1,0 +1,117 @@
+"""What the table of a space can tell, as docs/table.md prints it: its genes, its noise, and the floor of draws.
+
+    python -m benchmarks.space [TABLE]
+
+No network is judged by a seed that chose it (`analysis.statistics.spaces`). A minute of a core.
+"""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from analysis.statistics.seed_noise import icc
+from analysis.statistics.spaces import best_unseen_loss
+from benchmarks.reach import Space, at_random, handed_over, mean
+from tacevo.results.gene_model import put_first
+from tacevo.results.space_table import read_table
+
+#: The two genes that matter, with their better values.
+GOOD = {"down": "max", "norm": "batch"}
+
+#: Epochs whose fitness is looked at.
+EPOCHS = (1, 3, 5, 10, 20)
+
+#: Trainings of ten epochs after which draws hand a network over, and how often each is drawn.
+DRAWN, REPEATS = (5, 9, 20, 40, 60, 100), 2000
+
+
+def worths(space: Space) -> Iterator[str]:
+    """Yield the rows of ICC and tau: whole space, and the quarter with both good values."""
+    whole, good = (frame.set_index(["epochs", "rule"]) for frame in (space.opened.worth, space.opened.worth_of(**GOOD)))
+    for epochs in EPOCHS:
+        shown = [
+            f"{frame.loc[(epochs, rule), value]:.2f}"
+            for value in ("icc", "one_seed")
+            for rule in ("last", "lowest")
+            for frame in (whole, good)
+        ]
+        yield f"| {epochs} | {' | '.join(shown)} |"
+
+
+def explained(logs: NDArray[np.float64], groups: pd.Series) -> float:
+    """Return the part of the variance of networks' mean log losses, shape (n,), that lies between groups of them."""
+    means = pd.Series(logs).groupby(groups.to_numpy()).transform("mean")
+    return float(np.var(means) / np.var(logs))
+
+
+def figures(space: Space) -> Iterator[str]:
+    """Yield a sentence a figure."""
+    networks, logs = space.opened.networks, np.log(space.tests)
+    means, cells = logs.mean(axis=1), networks["down"] + ", " + networks["norm"]
+    genes = networks["down"].notna().to_numpy()  # all but the baseline's file
+    yield f"two genes explain {explained(means[genes], cells[genes]):.2f} of the variance of the mean log test loss"
+    levels = pd.Series(means[genes]).groupby(cells[genes].to_numpy()).mean()
+    yield "geometric mean test loss: " + ", ".join(f"{name} {np.exp(level):.3f}" for name, level in levels.items())
+    good = np.flatnonzero([all(networks[gene][row] == value for gene, value in GOOD.items()) for row in networks.index])
+    order = np.argsort(means)
+    hold = [f"{np.isin(order[:best], good).sum()} of the best {best}" for best in (8, 38)]
+    yield f"the {len(good)} networks with both hold {' and '.join(hold)}"
+    whole, quarter = icc(space.tests), icc(space.tests[good])
+    assert whole is not None
+    assert quarter is not None
+    yield f"ICC of a test loss: {whole.estimate:.2f}, among these {quarter.estimate:.2f}"
+    within = logs[good].var(axis=1, ddof=1).mean()
+    between = max(0.0, means[good].var(ddof=1) - within / logs.shape[1])
+    yield f"among these: deviation between networks {between**0.5:.2f}, between seeds {within**0.5:.2f}"
+    yield f"reliability of a mean of {logs.shape[1]} seeds {between / (between + within / logs.shape[1]):.2f}"
+    for name, rows in (("all", order), ("those with both", good)):
+        best = np.exp(best_unseen_loss(space.tests[rows]))
+        yield f"best by all seeds but one, judged by that one, of {name}: {best:.3f}"
+    yield f"the lowest mean of all seeds, which is luck: {space.tests.mean(axis=1).min():.3f}"
+    yield f"geometric mean of all: {np.exp(means.mean()):.3f}, of those with both {np.exp(means[good].mean()):.3f}"
+    first = put_first(space.table, 96)
+    yield f"of the {len(first)} that the model of the genes puts first {np.isin(first, good).sum()} have both"
+    epochs = np.argmin([one.full.training.validation_losses for one in space.table.trainings if one.full], axis=1)
+    last = (epochs >= 0.9 * space.lowest.shape[2]).mean()
+    yield f"trainings that are best in the last tenth of their epochs: {last:.0%}"
+
+
+def draws(space: Space) -> Iterator[str]:
+    """Yield what draws hand over after so many trainings of ten epochs."""
+    for count in DRAWN:
+        handed = [handed_over(at_random(space, seed, count, 10), 10, (10 * count,))[0] for seed in range(REPEATS)]
+        yield f"| {count} | {np.exp(mean(space, handed).value):.3f} |"
+
+
+def ideal_stop(space: Space) -> str:
+    """Say how often draws hand a network of the best twentieth over, as a figure that is gone from here counted it.
+
+    Of the five fittest of 100 networks the one with the lowest mean loss of two more trainings is handed over: at the
+    end, or, with an ideal stop, after whichever training it would be good. The test losses are of all seeds.
+    """
+    tests, ends, stops = space.tests.mean(axis=1), 0, 0
+    good = tests <= np.quantile(tests, 0.05)
+    again = [[np.delete(seeds, own).mean() for own in range(len(seeds))] for seeds in space.lowest[:, :, 9]]
+    for seed in range(REPEATS // 4):
+        visits, found = at_random(space, seed, 100, 10), []
+        for count in range(1, len(visits) + 1):
+            fittest = sorted(visits[:count], key=lambda visit: visit.loss)[:5]
+            found.append(good[min(fittest, key=lambda visit: again[visit.network][visit.seed]).network])
+        ends, stops = ends + found[-1], stops + any(found)
+    shares = [f"{4 * count / REPEATS:.0%}" for count in (ends, stops)]
+    return f"of 100 draws one of the best twentieth is handed over in {shares[0]}, by an ideal stop in {shares[1]}"
+
+
+def main() -> None:
+    """Print all of it."""
+    space = Space(read_table(Path(sys.argv[1] if len(sys.argv) > 1 else "cache/tables/grating-space.zip")))
+    for lines in (worths(space), figures(space), draws(space), [ideal_stop(space)]):
+        print("\n".join(lines), end="\n\n", flush=True)
+
+
+if __name__ == "__main__":
+    main()
