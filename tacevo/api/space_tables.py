@@ -14,6 +14,7 @@ from analysis.statistics.spaces import BY_EPOCHS, regret, worth_by_epochs
 from analysis.sweeps.rejections import rejection_rates
 from tacevo.api import frames
 from tacevo.api.runs import Run
+from tacevo.api.space_problems import SpaceProblem
 from tacevo.bundles.format import STORE
 from tacevo.config.identity import twins_of
 from tacevo.errors import BundleError, ConfigError, RunError
@@ -118,6 +119,18 @@ class SpaceTable:
         _, losses, scores = self._sound()
         rows = worth_by_epochs(losses, scores)
         return frames.frame([], BY_EPOCHS) if rows is None else rows
+
+    def as_problem(self, *, rule: str = "lowest") -> SpaceProblem:
+        """Return the space as a problem to search by ask and tell, for an optimiser of anybody's.
+
+        Args:
+            rule: the rule by which a fitness follows from validation losses: `lowest`, `last` or `mean_of_3`.
+
+        Raises:
+            BundleError: networks of the space are missing.
+            ConfigError: there is no such rule.
+        """
+        return SpaceProblem(self._rows, rule)
 
     def regret(self, run: Run) -> Regret:
         """Compare the fittest elite of a run with all networks, by their test loss.

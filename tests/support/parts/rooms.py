@@ -23,7 +23,8 @@ ROOMS: Mapping[str, str] = {
     "table": (
         "tacevo.results.space_table tacevo.results.table_checks tacevo.results.table_records "
         "tacevo.studies.tabulate tacevo.cli.tabulate tacevo.runs.table_answers "
-        "tacevo.reproduce.space_table tacevo.api.space_tables analysis.statistics.spaces"
+        "tacevo.reproduce.space_table tacevo.api.space_tables tacevo.api.space_problems "
+        "analysis.statistics.spaces"
     ),
     "slurm": "tacevo.sweeps.slurm submitit",
     "page": "analysis.report.page analysis.report.following tacevo.api.page",
