@@ -24,7 +24,7 @@ from benchmarks.peers_table.figures import REFERENCE, table
 from benchmarks.record import with_table
 from tacevo.api.space_problems import SpaceProblem
 from tacevo.api.space_tables import open_table
-from tacevo.environment import checked_out, versions
+from tacevo.environment import checked_out
 from tacevo.records import to_json
 from tacevo.results.space_table import read_table
 from tacevo.storage.files import write_durably
@@ -126,7 +126,7 @@ def main() -> None:
     problem = (opened := open_table(given.table)).as_problem()
     rivals = contenders(given.table, problem)
     measured = begun(given.results, opened.digest, rivals)
-    measured["versions"] = {**versions(), **{name: version(name) for name in LIBRARIES}}
+    measured["libraries"] = {name: version(name) for name in LIBRARIES}
     for name in given.only or rivals:
         known = measured["contenders"][name]
         for seed in range(len(known["ends"]), given.searches):

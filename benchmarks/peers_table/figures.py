@@ -48,21 +48,19 @@ def table(measured: Mapping[str, Any]) -> Iterator[str]:
         measured: what `benchmarks.peers_table` writes.
     """
     ends = {name: np.array(one["ends"], dtype=np.float64) for name, one in measured["contenders"].items()}
-    best, known = np.min([logs.mean(axis=0) for logs in ends.values()], axis=0), differs(ends)
-    yield f"{len(ends[REFERENCE])} searches each, {measured['date']}:"
+    means = {name: logs.mean(axis=0) for name, logs in ends.items()}
+    best = [list(means)[row] for row in np.argmin(list(means.values()), axis=0)]
+    told = differs(ends)
+    libraries = ", ".join(f"{name} {number}" for name, number in measured["libraries"].items())
+    yield f"Measured on {measured['date']}, with {libraries}."
     yield ""
-    yield f"| trainings of {measured['epochs']} epochs | {' | '.join(map(str, measured['budgets']))} |"
-    yield f"|---|{'---|' * len(best)}"
-    for name, logs in sorted(ends.items(), key=lambda one: float(one[1][:, -1].mean())):
-        told = known.get(name, np.zeros(len(best), np.bool_))
-        cells = (
-            _cell(logs[:, at], is_best=logs[:, at].mean() == best[at], is_told=bool(told[at]))
-            for at in range(len(best))
-        )
-        yield f"| {name} | {' | '.join(cells)} |"
-
-
-def _cell(logs: NDArray[np.float64], *, is_best: bool, is_told: bool) -> str:
-    mean, low, high = interval(logs)
-    shown = f"**{mean:.3f}**" if is_best else f"{mean:.3f}"
-    return f"{shown}{'*' if is_told else ''} [{low:.3f}, {high:.3f}]"
+    yield f"| trainings of {measured['epochs']} epochs | searches | {' | '.join(map(str, measured['budgets']))} |"
+    yield f"|---|---|{'---|' * len(best)}"
+    for name in sorted(ends, key=lambda name: float(means[name][-1])):
+        cells = []
+        for at, lowest in enumerate(best):
+            mean, low, high = interval(ends[name][:, at])
+            shown = f"**{mean:.3f}**" if name == lowest else f"{mean:.3f}"
+            mark = r"\*" if name in told and told[name][at] else ""
+            cells.append(f"{shown}{mark} [{low:.3f}, {high:.3f}]")
+        yield f"| {name} | {len(ends[name])} | {' | '.join(cells)} |"

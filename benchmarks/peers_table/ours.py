@@ -52,8 +52,15 @@ def visits(table: SpaceTable, *, seed: int, answers: int, epochs: int, settings:
 def _decisive(table: SpaceTable) -> list[str]:
     """Write the settings that a search in a table must share with it."""
     made, usual = table.header.settings, compose(["experiment=table", f"task={table.header.task.name}"])
-    pairs = [(key, to_json(value_of(made, key))) for key in DECISIVE if value_of(made, key) != value_of(usual, key)]
-    return [*as_overrides(pairs), *as_overrides([("data.root", str(table.path))])]
+    pairs: list[tuple[str, object]] = [("data.root", str(table.path))]
+    for key in DECISIVE:
+        value = to_json(value_of(made, key))
+        if value == to_json(value_of(usual, key)):
+            continue
+        pairs += (
+            [(f"{key}.{name}", part) for name, part in value.items()] if isinstance(value, dict) else [(key, value)]
+        )
+    return as_overrides(pairs)
 
 
 def _genes(table: SpaceTable, row: int) -> dict[str, bool | int | float | str]:
