@@ -3,10 +3,10 @@
     make bench-table
     python -m benchmarks.peers_table --table FILE --results FILE    # another table; the page is left alone
 
-Nothing is timed, so one contender searches after the other. What is known is written after each
-search: the same command goes on where it was stopped, until each contender has so many. It hands over once for each
-budget: its network of the lowest fitness, which is judged by the seeds that have not evaluated it. A contender of
-shorter trainings has more of them, so that a budget is one of epochs.
+Nothing is timed, so one contender searches after the other. What is known is written after each search: the same
+command goes on where it was stopped, until each contender has so many. A search hands over once for each budget: its
+network of the lowest fitness, which is judged by the seeds that have not evaluated it. A contender of shorter trainings
+has more of them, so that a budget is one of epochs.
 """
 
 import argparse
@@ -103,9 +103,10 @@ def begun(results: Path, digest: str, rivals: dict[str, Contender]) -> dict[str,
     """Return what a file holds, or a beginning without a search.
 
     Raises:
-        RuntimeError: it is of another table or of others.
+        RuntimeError: it is of another table, of other contenders, or of other versions of their libraries.
     """
-    asked = {"table": digest, "epochs": EPOCHS, "budgets": list(BUDGETS)}
+    libraries = {name: version(name) for name in LIBRARIES}
+    asked = {"table": digest, "epochs": EPOCHS, "budgets": list(BUDGETS), "libraries": libraries}
     names = {name: epochs for name, (epochs, _) in rivals.items()}
     if not results.exists():
         return {**asked, "contenders": {n: {"epochs": e, "ends": [], "trainings": []} for n, e in names.items()}}
@@ -126,7 +127,6 @@ def main() -> None:
     problem = (opened := open_table(given.table)).as_problem()
     rivals = contenders(given.table, problem)
     measured = begun(given.results, opened.digest, rivals)
-    measured["libraries"] = {name: version(name) for name in LIBRARIES}
     for name in given.only or rivals:
         known = measured["contenders"][name]
         for seed in range(len(known["ends"]), given.searches):

@@ -42,15 +42,16 @@ def differs(ends: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.boo
 
 
 def table(measured: Mapping[str, Any]) -> Iterator[str]:
-    """Write the lines of a Markdown table, the best after most trainings first.
+    """Write the lines of a Markdown table, the best after most trainings first; one search has no row.
 
     Args:
         measured: what `benchmarks.peers_table` writes.
     """
-    ends = {name: np.array(one["ends"], dtype=np.float64) for name, one in measured["contenders"].items()}
+    contenders = measured["contenders"].items()
+    ends = {name: np.array(one["ends"], dtype=np.float64) for name, one in contenders if len(one["ends"]) > 1}
     means = {name: logs.mean(axis=0) for name, logs in ends.items()}
     best = [list(means)[row] for row in np.argmin(list(means.values()), axis=0)]
-    told = differs(ends)
+    told = differs(ends) if len(ends) > 1 and REFERENCE in ends else {}
     libraries = ", ".join(f"{name} {number}" for name, number in measured["libraries"].items())
     yield f"Measured on {measured['date']}, with {libraries}."
     yield ""

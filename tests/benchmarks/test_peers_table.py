@@ -147,8 +147,10 @@ def test_interval_and_verdicts_follow_from_the_searches() -> None:
         "same": [False, False],
         "better": [True, False],
     }
-    contenders = {name: {"ends": ends.tolist()} for name, ends in logs.items()}
+    contenders = {name: {"ends": ends.tolist()} for name, ends in logs.items()} | {"begun": {"ends": [[-1.0, -1.0]]}}
     said = {"date": "today", "libraries": {"ribs": "1"}, "epochs": 10, "budgets": [5, 9], "contenders": contenders}
-    (row,) = (line for line in table(said) if line.startswith("| better "))
+    lines = list(table(said))
+    assert not any(line.startswith("| begun") for line in lines)
+    (row,) = (line for line in lines if line.startswith("| better "))
     assert row.startswith(f"| better | 50 | **{mean:.3f}**\\* [{low:.3f}, {high:.3f}] | ")
     assert row.count("\\*") == 1
