@@ -8,6 +8,7 @@ DEV := $(VENV)/.ready-dev
 # Pip alone is still for a minute and more.
 INSTALL := $(BIN)/python .ci/install.py
 PEERS := build/peers
+TABLE_PEERS := build/table-peers
 DOCS := build/docs
 
 # Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
@@ -17,7 +18,7 @@ test test-core test-parts test-slow test-all test-cluster test-cluster-all cover
 test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick mutants replay paper docs lock clean
+.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -131,18 +132,23 @@ bench: $(PEERS)/.ready ## measure speed and memory beside a peer, in the same ru
 bench-quick: $(PEERS)/.ready ## run each of its benchmarks once on next to nothing, to see that it runs
 	$(BIN)/python -m benchmarks --quick
 
+bench-table: $(TABLE_PEERS)/.ready ## let optimisers of others search the table of a space (some 40 minutes of a quiet core)
+	OMP_NUM_THREADS=1 $(TABLE_PEERS)/bin/python -m benchmarks.peers_table
+
 # As it stood when it answered, with the code of then: make answered NAME="evidence --trials 200"
 ANSWERED := b2f46d5c54ec455f1106bb9899ca329f95253a5f
 answered: $(READY) ## run a benchmark of an answered question: NAME=evidence, niches, difficulty, curves or linear
 	@test -d build/answered/$(ANSWERED) || git worktree add --detach build/answered/$(ANSWERED) $(ANSWERED)
 	cd build/answered/$(ANSWERED) && $(abspath $(BIN))/python -m benchmarks.$(NAME)
 
-# The peer's own environment; the packages of ours are seen in it, so that both train with one torch.
-$(PEERS)/.ready: $(DEV) benchmarks/peers.txt
-	$(BIN)/python -m venv --without-pip $(PEERS)
+# The peers' own environments; the packages of ours are seen in them, so that both train with one torch.
+$(PEERS)/.ready: benchmarks/peers.txt
+$(TABLE_PEERS)/.ready: benchmarks/peers_table/peers.txt
+$(PEERS)/.ready $(TABLE_PEERS)/.ready: $(DEV)
+	$(BIN)/python -m venv --without-pip $(@D)
 	$(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
-		> "$$($(PEERS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/project.pth"
-	$(BIN)/pip --python $(PEERS)/bin/python install --quiet --disable-pip-version-check --requirement benchmarks/peers.txt
+		> "$$($(@D)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/project.pth"
+	$(BIN)/pip --python $(@D)/bin/python install --quiet --disable-pip-version-check --requirement $(filter %.txt,$^)
 	@touch $@
 
 # Each line bears the name of its run, since two at a time print.

@@ -60,13 +60,13 @@ def table(measured: Mapping[str, Any]) -> Iterator[str]:
             yield f"| {figure['title']} | {ours} | {peer} | {figure['ratio']:.2f} |"
 
 
-def with_table(page: str, lines: Sequence[str]) -> str:
-    """Return a page with these lines between its two markers.
+def with_table(page: str, lines: Sequence[str], begin: str = BEGIN, end: str = END) -> str:
+    """Return a page with these lines between two markers.
 
     Raises:
         ValueError: it does not have each marker once.
     """
-    before, after = page.split(BEGIN), page.split(END)
+    before, after = page.split(begin), page.split(end)
     if len(before) != 2 or len(after) != 2:
-        raise ValueError(f"the page needs the lines {BEGIN!r} and {END!r}, each once")
-    return "\n".join([f"{before[0]}{BEGIN}", "", *lines, "", f"{END}{after[1]}"])
+        raise ValueError(f"the page needs the lines {begin!r} and {end!r}, each once")
+    return "\n".join([f"{before[0]}{begin}", "", *lines, "", f"{end}{after[1]}"])

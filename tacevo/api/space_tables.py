@@ -14,6 +14,7 @@ from analysis.statistics.spaces import BY_EPOCHS, best_unseen_loss, unseen_loss,
 from analysis.sweeps.rejections import rejection_rates
 from tacevo.api import frames
 from tacevo.api.runs import Run
+from tacevo.api.space_problems import SpaceProblem
 from tacevo.bundles.format import STORE
 from tacevo.config.identity import twins_of
 from tacevo.errors import BundleError, ConfigError, RunError
@@ -174,6 +175,18 @@ class SpaceTable:
             expected = f"rows of the {len(seeds)} recorded seeds, and not all of them"
             raise ConfigError(repr(seen), place="seen", expected=expected, remedy="`tacevo judge` trains fresh seeds")
         return unseen_loss(self._tests[network], set(seen))
+
+    def as_problem(self, *, rule: str = "lowest") -> SpaceProblem:
+        """Return the space as a problem to search by ask and tell, for an optimiser of anybody's.
+
+        Args:
+            rule: the rule by which a fitness follows from validation losses: `lowest`, `last` or `mean_of_3`.
+
+        Raises:
+            BundleError: networks of the space are missing.
+            ConfigError: there is no such rule.
+        """
+        return SpaceProblem(self._rows, rule)
 
     def regret(self, run: Run) -> Regret:
         """Compare the fittest elite of a run with the best network, by seeds that chose neither (`unseen_loss`).

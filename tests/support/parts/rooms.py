@@ -24,7 +24,7 @@ ROOMS: Mapping[str, str] = {
         "tacevo.results.space_table tacevo.results.table_checks tacevo.results.table_records "
         "tacevo.results.gene_model tacevo.studies.tabulate tacevo.studies.judge tacevo.cli.tabulate tacevo.cli.judge "
         "tacevo.runs.table_answers "
-        "tacevo.reproduce.space_table tacevo.api.space_tables analysis.statistics.spaces"
+        "tacevo.reproduce.space_table tacevo.api.space_tables tacevo.api.space_problems analysis.statistics.spaces"
     ),
     "slurm": "tacevo.sweeps.slurm submitit",
     "page": "analysis.report.page analysis.report.following tacevo.api.page",

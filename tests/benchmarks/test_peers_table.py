@@ -1,0 +1,156 @@
+"""Promise: all who search the table meet equal terms, and other seeds than theirs judge what they hand over."""
+
+import math
+from collections.abc import Generator
+
+import numpy as np
+import pytest
+from made_up import TINY, made_up_table
+
+import tacevo
+from benchmarks.peers_table import ours
+from benchmarks.peers_table.asking import MOST_ASKED, Choices, Genes, Optimiser, Visit, handed_over, visits
+from benchmarks.peers_table.by_pyribs import map_elites
+from benchmarks.peers_table.figures import REFERENCE, differs, interval, table
+from benchmarks.peers_table.plain import POPULATION, draws, regularised_evolution
+from tacevo.api.space_problems import SpaceProblem
+from tacevo.results.table_records import SpaceTable
+
+pytestmark = pytest.mark.room("table")
+
+EPOCHS = 4
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory: pytest.TempPathFactory) -> SpaceTable:
+    """Make the table of eight networks and the baseline, of which one fails."""
+    place = tmp_path_factory.mktemp("peers") / "table.zip"
+    return made_up_table(place, *TINY, f"training.epochs={EPOCHS}", failing=3)
+
+
+@pytest.fixture(scope="module")
+def problem(rows: SpaceTable) -> SpaceProblem:
+    """Make a problem of it."""
+    return tacevo.open_table(rows.path).as_problem()
+
+
+def every(problem: SpaceProblem, rows: SpaceTable) -> list[dict[str, bool | int | float | str]]:
+    """List all networks by their genes."""
+    return [dict(network.genome) for network in rows.networks if network.genome is not None]
+
+
+def asks(listed: list[Genes], told: list[float]) -> Optimiser:
+    """Make an optimiser that asks for these again and again, and notes what it is told."""
+
+    def optimiser(choices: Choices, seed: int, trainings: int) -> Generator[Genes, float, None]:
+        while True:
+            for genes in listed:
+                told.append((yield genes))
+
+    return optimiser
+
+
+def test_network_that_comes_again_is_no_training(problem: SpaceProblem, rows: SpaceTable) -> None:
+    """It is remembered with its fitness; who asks for nothing else is stopped."""
+    first, second, *_, last = every(problem, rows)
+    told: list[float] = []
+    found = visits(asks([first, first, second], told), problem, seed=0, trainings=3, epochs=2, failed=9.0)
+    assert [visit.genes for visit in found] == [first, second]
+    assert len(told) == 3 * MOST_ASKED
+    assert set(told) == {visit.fitness for visit in found}
+    short = visits(asks([first, last, second], told), problem, seed=0, trainings=2, epochs=2, failed=9.0)
+    assert [visit.genes for visit in short] == [first, last]
+
+
+def test_equal_seeds_meet_equal_noise(problem: SpaceProblem, rows: SpaceTable) -> None:
+    """A network has one recorded seed in a search, in whatever order it comes; other searches have others."""
+    listed: list[Genes] = [*every(problem, rows)]
+    seeds = set()
+    for seed in range(20):
+        one, other = (
+            visits(asks(order, []), problem, seed=seed, trainings=8, epochs=3, failed=9.0)
+            for order in (listed, listed[::-1])
+        )
+        assert one == other[::-1]
+        assert [visit.fitness for visit in one] == [
+            problem.evaluate(visit.genes, seed=visit.seed, epochs=3).fitness for visit in one
+        ]
+        seeds.add(tuple(visit.seed for visit in one))
+    assert len(seeds) > 10
+
+
+def test_failed_network_is_told_and_never_handed_over(problem: SpaceProblem, rows: SpaceTable) -> None:
+    """An optimiser is told a number, and the search knows better."""
+    failed, other = dict(rows.networks[3].genome or {}), dict(rows.networks[4].genome or {})
+    told: list[float] = []
+    found = visits(asks([failed, other], told), problem, seed=0, trainings=2, epochs=2, failed=0.0)
+    assert told == [0.0]
+    assert found[0].fitness == math.inf
+    assert handed_over(problem, found, 2) == problem.judge(other, seen=[found[1].seed])
+
+
+def test_fittest_within_the_budget_is_judged_by_other_seeds(problem: SpaceProblem, rows: SpaceTable) -> None:
+    """Neither a later network nor the training that chose counts."""
+    one, two, three, *_ = (genes for genes in every(problem, rows) if problem.evaluate(genes, seed=0, epochs=1).losses)
+    found = [Visit(one, 0, 0.5), Visit(two, 1, 0.4), Visit(three, 2, 0.1)]
+    assert handed_over(problem, found, 1) == problem.judge(one, seen=[0])
+    assert handed_over(problem, found, 2) == problem.judge(two, seen=[1])
+    assert handed_over(problem, found, 9) == problem.judge(three, seen=[2])
+
+
+@pytest.mark.parametrize("optimiser", [draws, regularised_evolution, map_elites])
+def test_optimiser_asks_for_networks_of_the_space(problem: SpaceProblem, optimiser: Optimiser) -> None:
+    """Which answers nothing else; equal seeds ask alike, others do not."""
+    found, again = (visits(optimiser, problem, seed=5, trainings=8, epochs=2, failed=9.0) for _ in range(2))
+    assert found == again
+    assert len(found) > 4
+    assert found != visits(optimiser, problem, seed=6, trainings=8, epochs=2, failed=9.0)
+
+
+def test_evolution_changes_one_gene_of_one_that_lives() -> None:
+    """And prefers the fitter ones."""
+    choices = {"a": tuple(range(50)), "b": tuple(range(50)), "c": (1,)}
+    asking = regularised_evolution(choices, 0, 100)
+    living = [next(asking)]
+    for _ in range(100):
+        fitness = living[-1]["a"]
+        assert isinstance(fitness, int)
+        living.append(asking.send(fitness))
+    for at in range(POPULATION, 100):
+        apart = [sum(living[at][gene] != each[gene] for gene in choices) for each in living[at - POPULATION : at]]
+        assert 1 in apart
+    ends = [np.mean([each["a"] for each in part]) for part in (living[:POPULATION], living[-POPULATION:])]
+    assert ends[1] < ends[0]
+
+
+def test_search_of_ours_is_of_this_table(problem: SpaceProblem, rows: SpaceTable) -> None:
+    """Its trainings are recorded ones, each network once; its baseline is judged as a network of the space."""
+    found = ours.visits(rows, seed=1, answers=26, epochs=2, settings=("archive.niches=5", "archive.prompt_niches=5"))
+    assert len(found) > 4
+    for visit in found[1:]:
+        assert visit.fitness == problem.evaluate(visit.genes, seed=visit.seed, epochs=2).fitness
+    keys = [tuple(visit.genes.values()) for visit in found[1:]]
+    assert len(set(keys)) == len(keys)
+    assert handed_over(problem, found, 4) < math.inf
+
+
+def test_interval_and_verdicts_follow_from_the_searches() -> None:
+    """The geometric mean lies within; equal searches are not told apart, others are; the table says it."""
+    rng = np.random.default_rng(0)
+    logs = {REFERENCE: rng.normal(-1, 0.1, (50, 2)), "same": rng.normal(-1, 0.1, (50, 2))}
+    logs["better"] = logs[REFERENCE] - [0.5, 0]
+    mean, low, high = interval(logs["better"][:, 0])
+    assert mean == pytest.approx(np.exp(logs["better"][:, 0].mean()))
+    assert low < mean < high < mean * 1.1
+    told = differs(logs)
+    assert {name: verdict.tolist() for name, verdict in told.items()} == {
+        "same": [False, False],
+        "better": [True, False],
+    }
+    contenders = {name: {"ends": ends.tolist()} for name, ends in logs.items()} | {"begun": {"ends": [[-1.0, -1.0]]}}
+    said = {"date": "today", "libraries": {"ribs": "1"}, "epochs": 10, "budgets": [5, 9], "contenders": contenders}
+    lines = list(table(said))
+    assert not any(line.startswith("| begun") for line in lines)
+    (row,) = (line for line in lines if line.startswith("| better "))
+    assert row.startswith(f"| better | 50 | **{mean:.3f}**\\* [{low:.3f}, {high:.3f}] | ")
+    assert row.count("\\*") == 1
