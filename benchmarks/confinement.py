@@ -35,11 +35,9 @@ _LIMITS = Limits(seconds=600, memory_mib=2048)  # of wall time, and the machine 
 
 
 class Seconds(NamedTuple):
-    """What judging a network takes of a processor."""
+    """What a training takes of a processor."""
 
-    #: The gate's probe; the bare loop has none.
-    probe: float
-    #: What a training takes beside its epochs.
+    #: Beside its epochs.
     start: float
     epoch: float
 
@@ -68,7 +66,7 @@ def training(*, epochs: Mapping[int, int] = EPOCHS, rounds: int = 3) -> Iterator
 
 
 def _training(size: int, epochs: int, rounds: int) -> Iterator[Figure]:
-    seconds = seconds_of_training(size, epochs=epochs, rounds=rounds)
+    seconds = _seconds_of_training(size, epochs=epochs, rounds=rounds)
     for name in [name for name in seconds if name != BARE]:
         pair = {one: seconds[one].epoch for one in (name, BARE)}
         yield report(f"training at {size} px", pair, unit="images", count=plain.TRAINED + plain.PREDICTED)
@@ -76,18 +74,15 @@ def _training(size: int, epochs: int, rounds: int) -> Iterator[Figure]:
         yield Figure(title=title, name=name, value=seconds[name].start, unit="s")
 
 
-def seconds_of_training(
-    size: int, *, epochs: int, rounds: int, trained: int = plain.TRAINED, predicted: int = plain.PREDICTED
-) -> dict[str, Seconds]:
-    """Measure a baseline's probes and trainings, confined with each numerics and in the bare loop, by name.
+def _seconds_of_training(size: int, *, epochs: int, rounds: int) -> dict[str, Seconds]:
+    """Measure a baseline's trainings, confined with each numerics and in the bare loop, by name.
 
     Args:
         size: of the images, in pixels.
         epochs: by how many a training is longer than the one of a single epoch that it is compared with.
         rounds: how often each is measured.
-        trained: images that an epoch trains on.
-        predicted: further images, which it predicts.
     """
+    trained, predicted = plain.TRAINED, plain.PREDICTED
     _, task = task_without_data("force", size)
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         place = Path(folder)
@@ -99,7 +94,6 @@ def seconds_of_training(
         for numerics in computable():
             name = f"confined, {numerics}"
             sandbox = stack.enter_context(_sandbox(place, Confinement.kernel, size, numerics, trained + predicted))
-            work[name, 0] = partial(probe, sandbox, header)
             work |= {(name, count): partial(_train, sandbox, header, count, trained, predicted) for count in counts}
         path = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
         order = environment(Numerics.fast) | path  # one thread, memory that is kept, any instruction set
@@ -117,7 +111,7 @@ def seconds_of_training(
     for name in dict.fromkeys(name for name, _ in work):
         one, long = (seconds[name, count] for count in counts)
         epoch = (long - one) / epochs
-        told[name] = Seconds(probe=seconds.get((name, 0), 0.0), start=one - epoch, epoch=epoch)
+        told[name] = Seconds(start=one - epoch, epoch=epoch)
     return told
 
 

@@ -130,7 +130,8 @@ class SpaceTable:
 
         The ICC of one training, and Kendall's tau of the fitness under one seed with the mean log test loss under seeds
         that it has not seen, the mean over the recorded seeds: the judge's, among the networks that it has, or else all
-        other recorded ones. Networks that failed are left out. Without rows where there is one seed, and no judge.
+        other recorded ones. Networks that failed are left out. Without rows where one seed, or one network, is
+        all.
 
         Args:
             genes: a value of each, such as `down="max", norm="batch"`; none for all networks.
@@ -147,6 +148,8 @@ class SpaceTable:
             if len(rows) > 1:
                 return worth_by_judge(self._losses(rows), [self._fresh[row] for row in rows])
         rows = [row for row in self._tests if chosen(row)]
+        if len(rows) < 2 and not genes:
+            return frames.frame([], BY_EPOCHS)
         if len(rows) < 2:
             raise ConfigError(f"{genes}", place="genes", expected="values that two networks or more of the table have")
         worth = worth_by_epochs(self._losses(rows), [self._tests[row] for row in rows])
