@@ -40,7 +40,7 @@ OF_A_FILE = re.compile(r"# \S+\.py\b|import pytest")
 #: A command of ours, or one that a page has between two; a line of Python; what is typed elsewhere.
 TYPED = re.compile(r"    (?:.*[ /])?(tacevo [a-z][^#]+)|    ((?:sed|mkdir|unzip) [^#]+)")
 PYTHON = re.compile(r"    (import tacevo|(?:\w+ = )?(?:tacevo|run|study|sweep|table|print)[.(].*)")
-ELSEWHERE = re.compile(r"    (pip|make|export|source|env|ray|mlflow|python|docker|apptainer|cp)\b")
+ELSEWHERE = re.compile(r"    (pip|make|cmp|export|source|env|ray|mlflow|python|docker|apptainer|cp)\b")
 
 #: Commands that train, ask a model, need a cluster or draw thousands of images: until their first line, in a copy.
 LONG = re.compile(
