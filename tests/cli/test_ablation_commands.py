@@ -86,7 +86,7 @@ def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixtu
     assert {name for name in tables if "/" not in name} == {"ablation"}  # it states no primary metric
     assert {"more/ablation_best_fitness", "more/ablation_runs"} <= tables
     assert "more/ablation_cost" in tables  # what answers of the tests' own provider cost is not known
-    others = {"ablation_curves.pdf", "ablation_finals.pdf", "index.md"}
+    others = {"ablation_curves.pdf", "ablation_finals.pdf", "ablation_forest.pdf", "index.md"}
     assert set(written) == {f"{name}{ending}" for name in tables for ending in (".md", ".tex", ".csv")} | others
     lines = told.out.splitlines()
     assert len(lines) <= 25

@@ -176,7 +176,8 @@ def test_figures_of_temperatures_say_the_carrier(carrier: str) -> None:
 
     hand, by = carried_by(carrier), "nothing" if carrier == "none" else carrier
     for figure in (temperature(hand), prompt_map(hand, NICHES, range(len(NICHES)))):
-        assert figure.axes[0].get_ylabel().endswith(f"(carried by {by})")
+        labels = figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()
+        assert any(label.endswith(f"(carried by {by})") for label in labels)
         assert bool(figure.axes[0].get_title()) == (carrier == "none")
     captions = {one.name: one.caption for one in run_pictures(hand, Niches(networks=NICHES, prompts=NICHES))}
     assert {name for name, caption in captions.items() if f"carried by {by}" in caption} == {

@@ -133,7 +133,7 @@ def test_page_opens_with_the_best_network(shipped: PageContents, open_page: Open
     """Its panel, and its mark on the map; another one is chosen by its address, and going back leads to the best."""
     page, wrong = open_page(shipped)
     run = shipped.runs[0]
-    losses = {one["id"]: one["loss"] for one in run["candidates"]}
+    losses = {one["id"]: one["fitness"] for one in run["candidates"]}
     best = min(elites_of(run["generations"][-1]), key=lambda name: losses[name])
     expect(page.locator("#candidate-name")).to_have_text(f"Candidate {best}")
     assert page.locator(f'.elites a.is-selected[href$="/{best}"]').count() == 1
