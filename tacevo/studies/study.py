@@ -136,7 +136,9 @@ def study(
     if config.choose is not ChosenBy.validated or run.record.is_of_given:
         job = _tested_job(config, run, trained, chosen_by=_noise_digest(config, run))
         return train_and_record(job, config.elites if run.answered else 0, view, other_data, mirror_later)
-    # The run is mirrored by the study, once both are there.
+    check_study(
+        config, other
+    )  # before the trainings that choose; the run is mirrored by the study, once both are there
     choice = train_and_record(_choice_job(config, run, trained), config.elites, view, mirror_later=[])
     job = _tested_job(config, run, trained, chosen_by=choice.digest, validated=config.elites)
     return replace(train_and_record(job, 1, view, other_data, mirror_later), choice=choice)
@@ -151,13 +153,15 @@ def check_study(config: StudyConfig, other: Sequence[str] = ()) -> None:
         SandboxError: candidates cannot be confined as the run asks.
     """
     run, trained, other_data = _asked(config, other)
+    there = replace(trained, data=other_data or trained.data)
+    source = source_of(there)
+    check_means(there)
     if config.choose is ChosenBy.validated:
         _choice_job(config, run, trained)
+        _planned(config, run)
+        source.catalogue()
     else:
         _tested_job(config, run, trained, chosen_by=_noise_digest(config, run))
-    there = replace(trained, data=other_data or trained.data)
-    source_of(there)
-    check_means(there)
 
 
 def run_to_train(path: str | None, store: str | None) -> RecordedRun:
@@ -198,9 +202,13 @@ def _tested_job(
         terms=StudyTerms(alpha=config.alpha, margin=margins.regression if is_regression else margins.classification),
         chosen_by=chosen_by,
         validated=validated,
-        planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
+        planned=_planned(config, run),
         rules=STUDY,
     )
+
+
+def _planned(config: StudyConfig, run: RecordedRun) -> SeedPlan | None:
+    return read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None
 
 
 def _choice_job(config: StudyConfig, run: RecordedRun, trained: RunConfig) -> StudyJob:

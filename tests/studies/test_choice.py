@@ -373,6 +373,14 @@ def test_choice_is_made_on_the_runs_data_and_serves_studies_on_others(folder: Pa
     assert main(["replay", "run"]) == 0
 
 
+@pytest.mark.parametrize("settings", [["data=numpy", "data.root=gone.npz"], ["plan=gone.json"]])
+def test_study_that_is_refused_chooses_nothing(settings: list[str], folder: Path) -> None:
+    """Whatever is wrong with the study is told before the trainings that choose for it."""
+    before = contents(folder)
+    assert main([*CHOSEN, "seeds=3", "epochs=3", *settings]) == 2
+    assert contents(folder) == before
+
+
 @pytest.mark.parametrize("settings", [["run=r", "elites=1"], ["sweep=s"]])
 def test_choice_takes_two_elites_at_least(settings: list[str]) -> None:
     """Among one there is nothing to choose; of a sweep's jobs that is the default."""
