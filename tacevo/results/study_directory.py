@@ -272,7 +272,7 @@ def _row(lines: Sequence[StudyHeader | Row]) -> str:
 
 
 def medians_of(directory: StudyDirectory) -> dict[str, float]:
-    """Return the median validation loss of each network of a finished study, by id, but of those of which one failed."""
+    """Return the median validation loss of each network of a finished study, by id; none where a training failed."""
     losses: dict[str, list[float]] = {}
     for row in directory.read_finished().rows:
         losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
