@@ -8,7 +8,6 @@ from test_docs_commands import PAGES
 
 from tacevo.cli.signature import WIDTH
 
-
 #: A block between fences, with its language, or of indented lines below an empty one.
 FENCED = re.compile(r"^```(.*)\n((?:.*\n)*?)```$", re.MULTILINE)
 INDENTED = re.compile(r"(?<=\n\n)(?: {4}.*\n)+", re.MULTILINE)
