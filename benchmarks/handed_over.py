@@ -8,7 +8,7 @@ baseline by the same seeds; every seed chooses once, and a job's value is the ge
 whatever arm and sweep, share their training seeds and their baseline, so the seed is the unit: intervals are Student's,
 of the logarithms over seeds, and arms are compared by seed with Wilcoxon's test, with Holm's correction.
 
-The last sweep is the control.
+Where several sweeps are given, the last one is the control.
 """
 
 import argparse
@@ -31,19 +31,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print a row an arm, and what each differs by from the control."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sweeps", nargs="+", metavar="SWEEP", help="a sweep or its bundle; the last is the control")
-    arms: dict[str, dict[int, float]] = {}
+    found: list[dict[str, dict[int, float]]] = []
     for place in parser.parse_args(arguments).sweeps:
         sweep = tacevo.open(place)
         if not isinstance(sweep, tacevo.Sweep):
             parser.error(f"{place}: expected a sweep with studies; got a run")
-        arms |= {f"{place}: {arm}": values for arm, values in _arms(sweep).items()}
-    *others, control = arms
-    for name, values in arms.items():
-        print(f"{name}: {_of(list(values.values()))} of the baseline's test loss, {len(values)} seeds")
-    pairs = {name: [arms[control][seed] - arms[name][seed] for seed in sorted(arms[control])] for name in others}
+        found.append({f"{place}: {arm}": values for arm, values in _arms(sweep).items()})
+        for name, values in found[-1].items():
+            print(f"{name}: {_of(list(values.values()))} of the baseline's test loss, {len(values)} seeds")
+    *searches, controls = found
+    pairs = {
+        (name, control): [own[seed] - values[seed] for seed in sorted(own.keys() & values.keys())]
+        for control, own in controls.items()
+        for name, values in ((name, values) for sweep in searches for name, values in sweep.items())
+    }
     corrected = holm([float(wilcoxon(each).pvalue) for each in pairs.values()]) if pairs else []
-    for (name, each), p in zip(pairs.items(), corrected, strict=True):
-        print(f"the control against {name}: {_of(each)} of its ratio, p after Holm {p:.2g}")
+    for ((name, control), each), p in zip(pairs.items(), corrected, strict=True):
+        print(f"{control} against {name}: {_of(each)} of its ratio, {len(each)} seeds, p after Holm {p:.2g}")
 
 
 def chosen(scores: pd.DataFrame, loss: str) -> Iterator[float]:
@@ -67,7 +71,7 @@ def _arms(sweep: tacevo.Sweep) -> dict[str, dict[int, float]]:
     arms: dict[str, dict[int, float]] = {}
     for job in sweep.jobs.itertuples():
         for study in sweep.run(str(job.Index)).studies:
-            if study.is_noise:
+            if study.is_noise or study.is_choice:
                 continue
             (loss,) = (name for name in LOSSES if name in study.scores)
             arms.setdefault(job.arm, {})[job.seed] = float(np.mean([*chosen(study.scores, loss)]))

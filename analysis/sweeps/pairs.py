@@ -168,8 +168,8 @@ def compare_pairs(
             "no two answers to one question",
             place=str(sweep.path),
             expected=f"arms that ask what {wanted} asks in generation {GENERATION}: equal generations 0 and parents",
-            remedy="`tacevo search -m experiment=pairs SETTING=A,B` makes such a sweep (docs/pairs.md); "
-            "--other-parents compares arms that differ by search.networks",
+            remedy="`tacevo search -m experiment=pairs SETTING=A,B` makes such a sweep (docs/pairs.md)"
+            + ("" if other_parents else "; --other-parents compares arms that differ by search.networks"),
         )
     lengths = _lengths(answers)
     measured = [_row(answer) | lengths.get(str(answer.line.request), {}) for answer in answers]

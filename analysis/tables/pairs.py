@@ -16,6 +16,7 @@ def pairs_tables(pairs: Pairs, name: str) -> Sequence[Table]:
 def _losses(pairs: Pairs, name: str) -> Table:
     parents = "instruction and seed, and other parents at the same places"
     same = parents if pairs.other_parents else "parents, instruction and seed"
+    asked = "the same instructions for other parents" if pairs.other_parents else "the same questions"
     frame = pairs.arms.assign(arm=pairs.arms.index, is_reference=pairs.arms.index == pairs.reference)
     lengths: Layout = {
         f"{words} of {what}": (_whole, f"{way}_{unit}")
@@ -39,7 +40,7 @@ def _losses(pairs: Pairs, name: str) -> Table:
             **lengths,
         },
         name="pairs",
-        caption=f"Answers of {name} to the same questions, against those of {pairs.reference}.",
+        caption=f"Answers of {name} to {asked}, against those of {pairs.reference}.",
         notes=(
             f"A pair: the answers of two arms to one question in generation {GENERATION}, with the same {same}. "
             "Questions: parents and instructions with a pair of which both networks trained; "

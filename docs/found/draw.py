@@ -32,6 +32,10 @@ KEPT = Path(__file__).parents[2] / "tests/golden/bundles"
 TICKS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)
 
 
+#: The least values of which an interval says that a ratio is not 1.
+LEAST = 6
+
+
 class Ratio(NamedTuple):
     """A ratio with the ends of its 95 % interval."""
 
@@ -39,6 +43,8 @@ class Ratio(NamedTuple):
     value: float
     low: float
     high: float
+    #: Of how many values.
+    count: int
 
     def __str__(self) -> str:
         """Write the ratio as the pages do."""
@@ -50,7 +56,12 @@ def ratio(of: str, logarithms: Iterable[float]) -> Ratio:
     values = np.array([*logarithms])
     half = float(student.ppf(0.975, len(values) - 1)) * values.std(ddof=1) / np.sqrt(len(values))
     mean = float(values.mean())
-    return Ratio(of, float(np.exp(mean)), float(np.exp(mean - half)), float(np.exp(mean + half)))
+    return Ratio(of, float(np.exp(mean)), float(np.exp(mean - half)), float(np.exp(mean + half)), len(values))
+
+
+def _factor(row: pd.Series) -> tuple[float, float, float, int]:
+    """Return the factor of an arm of pairs, the ends of its interval, and of how many questions it is."""
+    return row.factor, row.factor_low, row.factor_high, int(row.questions)
 
 
 @cache
@@ -177,7 +188,7 @@ def operator_rows() -> Iterator[Ratio]:
         yield ratio(f"children of {of} / their parents", logs)
     arms = compared.pairs("search.networks=[parents]", other_parents=True).arms
     one = arms.loc["search.networks=[selected]"]
-    yield Ratio("children of elites / of first mutations", one.factor, one.factor_low, one.factor_high)
+    yield Ratio("children of elites / of first mutations", *_factor(one))
 
 
 def operator() -> Figure:
@@ -213,10 +224,10 @@ def model_or_grammar() -> Figure:
     return figure
 
 
-def proposals_rows(metric: str = "new_quartile") -> list[Ratio]:
+def proposals_rows() -> list[Ratio]:
     """Return the arms' proposals as multiples of those of `none`, the same seed in both."""
     jobs = sweep("ablation-proposals").jobs
-    values = np.log(jobs.pivot_table(index="seed", columns="arm", values=metric))
+    values = np.log(jobs.pivot_table(index="seed", columns="arm", values="new_quartile"))
     arms = [arm for arm in jobs.arm.unique() if arm not in {"none", "no_prompt_archive"}]
     return [ratio(str(arm), values[arm] - values["none"]) for arm in arms]
 
@@ -247,7 +258,7 @@ def telling() -> Figure:
     arms = sweep("telling-losses").pairs("prompts.tells=[]").arms
     names = {"[fitness]": "told the parent's loss", "[shuffled]": "told another network's"}
     rows = [
-        Ratio(name, one.factor, one.factor_low, one.factor_high)
+        Ratio(name, *_factor(one))
         for key, name in names.items()
         for arm, one in arms.iterrows()
         if str(arm).endswith(key)
@@ -276,7 +287,7 @@ def summary_rows() -> Iterator[Ratio]:
         yield ratio(f"{task} networks / baseline", np.mean([*against_baseline(study).values()], axis=0))
     told = sweep("telling-losses").pairs("prompts.tells=[]").arms
     (fitness,) = (row for arm, row in told.iterrows() if str(arm).endswith("[fitness]"))
-    yield Ratio("6. Answers told the losses / untold", fitness.factor, fitness.factor_low, fitness.factor_high)
+    yield Ratio("6. Answers told the losses / untold", *_factor(fitness))
     *_, of_elites = operator_rows()
     yield of_elites._replace(of="7. Claude's children of elites / of first mutations")
 
@@ -291,7 +302,7 @@ def forest(rows: Sequence[Ratio], label: str) -> Figure:
     """Draw ratios with their intervals, one a row, and the line of no difference."""
     figure, (axes,) = new_figure("double", 0.55 + 0.19 * len(rows))
     for place, row in enumerate(rows):
-        clear = row.high < 1 or row.low > 1
+        clear = row.count >= LEAST and (row.high < 1 or row.low > 1)
         axes.plot([row.low, row.high], [place, place], color=BLUE, solid_capstyle="butt")
         axes.plot(row.value, place, "o", color=BLUE, markerfacecolor=BLUE if clear else "white", markersize=4.5)
         axes.text(1.02, place, str(row), transform=axes.get_yaxis_transform(), va="center")

@@ -215,7 +215,7 @@ def study(*overrides: RunOrSetting, config_dir: Configs | None = None) -> int:
 
     Train the baseline and the best elites of a finished run, or of each job of a sweep, or networks of your own, fully,
     each with the same training seeds, and measure them on the test images. The exit status is 1 if a training or a job
-    did not finish.
+    did not finish; with choose=validated a training that chooses may fail, and costs its elite the place.
 
     Examples:
       tacevo study runs/NAME

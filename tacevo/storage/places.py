@@ -94,7 +94,9 @@ def check_sweep(path: Path) -> None:
 
 def sibling(path: Path, otherwise: str = "") -> str:
     """Ask whether another file or directory beside a path that is not there was meant; else say something else."""
-    names = [each.name for each in path.parent.iterdir()] if path.parent.is_dir() else []
+    names = []
+    with contextlib.suppress(OSError):
+        names = [each.name for each in path.parent.iterdir()]
     return nearest(path.name, names, otherwise, before="" if path.parent == Path() else f"{path.parent}/")
 
 

@@ -36,7 +36,7 @@ def test_nobody_waits_for_the_mirror_of_a_finished_run(copied: Path, capsys: pyt
     told = capsys.readouterr().err
     assert "finished after" in told
     assert "nothing to do" not in told
-    generations = [line for line in told.splitlines() if line.endswith("slots done)")]
+    generations = [line for line in told.splitlines() if line.endswith("candidates done)")]
     assert [line.split(":")[0] for line in generations] == ["generation 3"]
     assert Path("waited.txt").read_text().split() == ["False", "True"]
 
@@ -47,5 +47,5 @@ def test_stopped_run_tells_what_was_recorded_before(copied: Path, capsys: pytest
     lines = ledger.read_text().splitlines(keepends=True)
     ledger.write_text("".join(lines[:-1]))
     assert main(["search", *SEARCH, "tracking=none"]) == 0
-    told = [line for line in capsys.readouterr().err.splitlines() if line.endswith("slots done)")]
+    told = [line for line in capsys.readouterr().err.splitlines() if line.endswith("candidates done)")]
     assert ["as recorded" in line for line in told] == [True] * (len(told) - 1) + [False]

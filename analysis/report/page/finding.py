@@ -63,5 +63,6 @@ def found_in_sweep(ablation: Ablation) -> str:
     ]
     if tested.empty:
         return f"No arm could be tested against {ablation.reference} by {metric.value}."
-    differ = f"By {metric.value}, {len(told) or 'none'} of {counted(len(tested), 'arm')} is shown to differ from "
+    verb = "are" if len(told) > 1 else "is"
+    differ = f"By {metric.value}, {len(told) or 'none'} of {counted(len(tested), 'arm')} {verb} shown to differ from "
     return f"{differ}{ablation.reference}{f': {listed(told)}' if told else ''}."
