@@ -280,7 +280,7 @@ def summary_rows() -> Iterator[Ratio]:
     yield ratio("3. Claude's proposals / the grammar's", quartiles["none"] - quartiles["llm_vs_grammar"])
     for one in proposals_rows():
         if one.of in {"drift", "best_k"}:
-            names = {"drift": "4. No selection / published", "best_k": "    no niches / published"}
+            names = {"drift": "4. Proposals without selection / with", "best_k": "    without niches / with"}
             yield one._replace(of=names[one.of])
     for name, task in (("grating-variants", "5. Paper's grating"), ("force-variants", "    paper's force")):
         (study,) = run(name).studies

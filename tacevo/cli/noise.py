@@ -35,7 +35,7 @@ def run_noise(words: Sequence[str]) -> int:
         command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=reestimated elites={elites}"
         tell(f"next:   {command}    # {trainings}")
     if not run.shortfall and (found := _best(run, StudyDirectory(studied.directory))):
-        tell(f"found:  {found} is the baseline after these instructions: {'; '.join(changes(run, found))}")
+        tell(f"lowest: {found} is the baseline after these instructions: {'; '.join(changes(run, found))}")
     status = end(studied, "lower elites=")
     if told := compared(run, StudyDirectory(studied.directory)):
         tell(told)
