@@ -33,7 +33,7 @@ _WIDTH, _HEIGHT, _STEP = 1.42, 1.0, 1.72
 def loop() -> Figure:
     """Draw the loop of a search, and the study after it."""
     figure, (axes,) = new_figure("double", 2.5)
-    axes.set(xlim=(-0.15, 4 * _STEP - 0.1), ylim=(-0.05, 3.0))
+    axes.set(xlim=(-0.15, 4 * _STEP - 0.1), ylim=(-0.05, 3.2))
     axes.axis("off")
     for place, step in enumerate(STEPS):
         _box(axes, (place * _STEP, 1.35), step)
@@ -44,7 +44,7 @@ def loop() -> Figure:
     _arrow(axes, (3 * _STEP + _WIDTH / 2, 1.35), (3 * _STEP + _WIDTH / 2, _HEIGHT))
     _arrow(axes, (3 * _STEP, 0.5), (2 * _STEP + _WIDTH, 0.5))
     _arrow(axes, (3 * _STEP + _WIDTH / 2, 2.35), (_WIDTH / 2, 2.35), "arc,angleA=90,angleB=90,armA=40,armB=40,rad=8")
-    axes.text(1.5 * _STEP + _WIDTH / 2, 2.78, "parents of the next generation", ha="center", va="center", color=GREY)
+    axes.text(1.5 * _STEP + _WIDTH / 2, 2.95, "parents of the next generation", ha="center", va="center", color=GREY)
     return figure
 
 
@@ -62,7 +62,7 @@ def _box(axes: Axes, corner: tuple[float, float], step: tuple[str, str, str, str
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], bent: str = "arc3") -> None:
     axes.add_patch(
-        FancyArrowPatch(start, end, connectionstyle=bent, arrowstyle="-|>", mutation_scale=8, color=GREY, lw=1)
+        FancyArrowPatch(start, end, connectionstyle=bent, arrowstyle="-|>", mutation_scale=8, color=GREY, lw=1, clip_on=False)
     )
 
 
