@@ -190,7 +190,11 @@ class SpaceTable:
             for row, network in enumerate(self.networks)
             if network.rejection is not None and not self.part
         ]
-        return refused + failures_of(self.trainings) + ([] if self.judge is None else [f"judge: {line}" for line in self.judge.failures])
+        return (
+            refused
+            + failures_of(self.trainings)
+            + ([] if self.judge is None else [f"judge: {line}" for line in self.judge.failures])
+        )
 
     @property
     def failed(self) -> str:
