@@ -347,8 +347,8 @@ def table(space: Space, ways: Mapping[str, Any]) -> str:
             if name != rival and rival in ways:
                 compared.append((name, budget, mean(space, handed, _of_budget(ways[rival], number))))
         lines.append(f"| {name} | {len(found['searches'])} | {' | '.join(shown)} |")
-    # without an error there is no difference either: the same networks, by the same seeds
-    p = [2 * float(norm.sf(abs(one.value / one.error))) if one.error else 1.0 for _, _, one in compared]
+    # without an error, but for the last bits, there is no difference either: the same networks, by the same seeds
+    p = [2 * float(norm.sf(abs(one.value / one.error))) if one.error > 1e-9 else 1.0 for _, _, one in compared]
     holm = multipletests(p, method="holm")[1]
     lines += [
         "",

@@ -1,4 +1,4 @@
-"""What the table of the project's space can tell, as docs/table.md prints it: its genes, its noise, and the floor of draws.
+"""What the project's table can tell, as docs/table.md prints it: its genes, its noise, and the floor of draws.
 
     python -m benchmarks.space
 

@@ -132,10 +132,10 @@ class SpaceTable:
         """Return the worth of a fitness among the networks of some genes, after each number of epochs, by each rule.
 
         The ICC of one training, and Kendall's tau of the fitness under one seed with the mean log test loss under seeds
-        that it has not seen, the mean over the recorded seeds. Where the judge has two or more of the networks, both are
-        among these alone, and its seeds are those that judge (`judged_by` is `fresh`); or else both are among all of
-        the networks, and all other recorded seeds judge (`recorded`). Networks that failed are left out. Without rows
-        where one seed, or one network, is all.
+        that it has not seen, the mean over the recorded seeds. Where the judge has two or more of the networks, both
+        are among these alone, and its seeds are those that judge (`judged_by` is `fresh`); or else both are among all
+        of the networks, and all other recorded seeds judge (`recorded`). Networks that failed are left out. Without
+        rows where one seed, or one network, is all.
 
         Args:
             genes: a value of each, such as `down="max", norm="batch"`; none for all.
