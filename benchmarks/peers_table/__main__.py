@@ -55,8 +55,8 @@ OPTIMISERS = {
     "SMAC3": (EPOCHS, "by_smac", "forest"),
 }
 
-#: The contenders of this project.
-OURS = {
+#: Each contender's epochs, answers and settings, of this project.
+OURS: dict[str, tuple[int, float, tuple[str, ...]]] = {
     "ours, as published": (EPOCHS, ANSWERS, ()),
     f"ours, fast, {SHORT} epochs": (SHORT, ANSWERS_SKIPPING, ("proposals.skipped=0.5",)),
 }
@@ -81,7 +81,7 @@ def contenders(path: Path, problem: SpaceProblem) -> dict[str, Contender]:
             optimiser, problem, seed=seed, trainings=trainings, epochs=epochs, failed=failed
         )
 
-    def own(epochs: int, answers: float, settings: Sequence[str]) -> Contender:
+    def own(epochs: int, answers: float, settings: tuple[str, ...]) -> Contender:
         wanted = int(answers * _trainings(epochs)[-1])
         return epochs, lambda seed: ours.visits(rows, seed=seed, answers=wanted, epochs=epochs, settings=settings)
 

@@ -18,7 +18,7 @@ from analysis.statistics.spaces import best_unseen_loss, unseen_loss, worth_by_e
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.errors import BundleError, ConfigError, DivergenceError
-from tacevo.records import Reason, Rejection, Stage
+from tacevo.records import Reason, Rejection, Stage, to_json
 from tacevo.reproduce.space_table import retrain_table, verify_table
 from tacevo.results.gene_model import put_first
 from tacevo.results.space_table import find_table, read_table, write_table
@@ -28,6 +28,7 @@ from tacevo.runs.seeds import training_seed
 from tacevo.runs.session import search
 from tacevo.runs.table_answers import recorded_seeds
 from tacevo.storage.entries import ReadBudget
+from tacevo.storage.store import Store
 from tacevo.storage.zipfiles import packed, read_members
 from tacevo.studies.judge import judge_table
 from tacevo.studies.tabulate import tabulate
@@ -250,7 +251,8 @@ def test_other_networks_and_seeds_are_not_judged(
     for seen in (None, 0, "0", [99], [-1], [True], [0.0], ["0"]):
         with refused(ConfigError, place="seen"):
             opened.unseen_loss(first, seen=seen)  # type: ignore[arg-type]
-    assert opened.unseen_loss(np.int64(first), seen=np.arange(2)) == opened.unseen_loss(first, seen={0, 1})
+    of_numpy: Any = np.int64(first)
+    assert opened.unseen_loss(of_numpy, seen=np.arange(2)) == opened.unseen_loss(first, seen={0, 1})
 
 
 def test_worth_is_of_the_networks_of_some_genes(table: SpaceTable, judged: SpaceTable) -> None:
@@ -388,11 +390,12 @@ def test_no_table_and_no_judge_is_lost_to_another_judge(table: SpaceTable, judge
     rows, full = trained("table.zip", table), trained("judged.zip", judged, judged.judge)
     others = trained("others.zip", made_up_table(tmp_path / "made_up.zip", *TINY, *SIZES))
     before = {path: path.read_bytes() for path in (full.path, others.path)}
-    for target, networks, seeds in ((full, 2, 4), (full, 3, 3), (full, 2, 9), (full, 9, 2), (others, 9, 9)):
+    fewer, other = ((full.path, *sizes) for sizes in ((2, 4), (3, 3), (2, 9), (9, 2))), (others.path, 9, 9)
+    for path, networks, seeds in (*fewer, other):
         for one in (rows, full):
             for parts in (1, 2):
-                with refused(ConfigError, place=f"-o {target.path}", remedy="-o"):
-                    judge_table(one, [], target.path, Progress(), networks=networks, seeds=seeds, parts=parts)
+                with refused(ConfigError, place=f"-o {path}", remedy="-o"):
+                    judge_table(one, [], path, Progress(), networks=networks, seeds=seeds, parts=parts)
     assert {path: path.read_bytes() for path in before} == before
     for target, networks, seeds in ((full.path, 3, 4), (full.path, 4, 5), (rows.path, 2, 2), (tmp_path / "new", 2, 2)):
         with refused(ConfigError, place="data.seed"):  # which is asked later
@@ -429,3 +432,11 @@ def test_judge_is_trained_in_parts_and_trains_again_alike(tmp_path: Path, capsys
     assert judge is not None
     with refused(DivergenceError, place=f"{JUDGE}trainings.jsonl, line 1"):
         retrain_table(judge, None, 1, str(tmp_path / "cache"), Progress())
+    recorded = Store(tmp_path / "cache", "studies")
+    (request,) = (entry.request for entry in recorded.entries() if entry.answer == {"full": to_json(first.full)})
+    refusal = Rejection(stage=Stage.train, reason=Reason.not_finite, detail="")
+    recorded.write(request, {"rejection": to_json(refusal)})
+    capsys.readouterr()
+    assert sorted(main([*command, "--part", part]) for part in ("1/2", "2/2")) == [0, 1]  # each says what failed of it
+    assert capsys.readouterr().out.count(f"network {first.network}, seed {first.seed}: not_finite") == 1
+    assert main(command) == 1
