@@ -52,6 +52,7 @@ from tacevo.llm.grammar.provider import GrammarLLM, answer
 from tacevo.profile import Admitted
 from tacevo.randomness import stream
 from tacevo.records import ChatMessage, Completion, Mode, Rejection, Request
+from tacevo.results.judged_loss import fresh_losses, log_loss
 from tacevo.results.space_table import read_table
 from tacevo.results.table_records import Header, SpaceTable
 from tacevo.rules import CURRENT
@@ -297,10 +298,12 @@ class Mean(NamedTuple):
 def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = ()) -> Mean:
     """Return the mean log test loss of what searches handed over, less that of others.
 
-    Its error is of the searches, and of the training seeds that judge: searches which hand the same network over share
-    its judges, so that many searches do not make them more. The noise of a seed is taken as that of the networks here.
+    Its error is of the searches, and of the training seeds that judge, those of `SpaceTable.unseen_loss`: searches
+    which hand the same network over share its judges, so that many searches do not make them more. The noise of a seed
+    is taken as that of the networks here, of each under the seeds of which some judge it.
     """
     value, variance = 0.0, 0.0
+    fresh = fresh_losses(space.table)
     cells: Counter[tuple[int, int]] = Counter()
     for sign, group in ((1, handed), (-1, against)):
         if not group:
@@ -309,18 +312,25 @@ def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = ())
         value += sign * float(np.mean(losses))
         variance += float(np.var(losses, ddof=1)) / len(losses)
         for one in group:
-            left = [seed for seed in range(space.tests.shape[1]) if seed != one.seed]
+            if one.network in fresh:
+                left = [*range(len(fresh[one.network]))]
+            else:
+                left = [seed for seed in range(space.tests.shape[1]) if seed != one.seed]
             for seed in left:
                 cells[one.network, seed] += sign / len(left) / len(group)  # type: ignore[assignment]
     networks = sorted({network for network, _ in cells})
-    noise = float(np.log(space.tests[networks]).var(axis=1, ddof=1).mean())
+    judging = [fresh.get(network, space.tests[network]) for network in networks]
+    noise = float(np.mean([np.var([log_loss(loss) for loss in each], ddof=1) for each in judging]))
     error = math.sqrt(variance + noise * sum(weight**2 for weight in cells.values()))
     return Mean(value, error, len(handed), len({one.network for one in handed}))
 
 
 def table(space: Space, ways: Mapping[str, Any]) -> str:
-    """Lay out what each way hands over by each budget, and beside draws of as many epochs a training."""
-    width = norm.ppf(0.975)
+    """Lay out what each way hands over by each budget, and beside draws of as many epochs a training.
+
+    A way with fewer than two searches has no row, since its error is not known; so has one without such draws beside.
+    """
+    width, ways = norm.ppf(0.975), {name: found for name, found in ways.items() if len(found["searches"]) > 1}
     lines = [
         f"| way | searches | {' | '.join(f'{budget} epochs' for budget in BUDGETS)} |",
         f"|---|---|{'---|' * len(BUDGETS)}",
@@ -334,10 +344,11 @@ def table(space: Space, ways: Mapping[str, Any]) -> str:
             low, high = (math.exp(one.value + sign * width * one.error) for sign in (-1, 1))
             shown.append(f"{math.exp(one.value):.3f} [{low:.3f}, {high:.3f}]")
             rival = f"draws, {found['epochs']} epochs"
-            if name != rival:
+            if name != rival and rival in ways:
                 compared.append((name, budget, mean(space, handed, _of_budget(ways[rival], number))))
         lines.append(f"| {name} | {len(found['searches'])} | {' | '.join(shown)} |")
-    p = [2 * float(norm.sf(abs(one.value / one.error))) for _, _, one in compared]
+    # without an error, but for the last bits, there is no difference either: the same networks, by the same seeds
+    p = [2 * float(norm.sf(abs(one.value / one.error))) if one.error > 1e-9 else 1.0 for _, _, one in compared]
     holm = multipletests(p, method="holm")[1]
     lines += [
         "",
@@ -365,7 +376,7 @@ def reach(space: Space, place: Path, searches: int, fewer: int) -> dict[str, Any
         fewer: of openevolve.
 
     Raises:
-        SystemExit: the file is of another table.
+        SystemExit: the file is of another table, or of other budgets.
     """
     with tempfile.TemporaryDirectory() as store:
         ways = ways_of(space, Path(store))
@@ -378,6 +389,8 @@ def reach(space: Space, place: Path, searches: int, fewer: int) -> dict[str, Any
                 raise SystemExit(
                     f"{place} is of the table {recorded['table'][:12]}; expected {space.table.digest[:12]}"
                 )
+            if recorded["budgets"] != list(BUDGETS):
+                raise SystemExit(f"{place} is of the budgets {recorded['budgets']}; expected {list(BUDGETS)}")
             found |= recorded["ways"]
         peers = [name for name in ways if name.startswith("openevolve")]
         turns = [(seed, name) for seed in range(searches) for name in ways if name not in peers]

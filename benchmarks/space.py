@@ -1,11 +1,10 @@
-"""What the table of a space can tell, as docs/table.md prints it: its genes, its noise, and the floor of draws.
+"""What the project's table can tell, as docs/table.md prints it: its genes, its noise, and the floor of draws.
 
-    python -m benchmarks.space [TABLE]
+    python -m benchmarks.space
 
 No network is judged by a seed that chose it (`analysis.statistics.spaces`). A minute of a core.
 """
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -108,7 +107,7 @@ def ideal_stop(space: Space) -> str:
 
 def main() -> None:
     """Print all of it."""
-    space = Space(read_table(Path(sys.argv[1] if len(sys.argv) > 1 else "cache/tables/grating-space.zip")))
+    space = Space(read_table(Path("cache/tables/grating-space.zip")))
     for lines in (worths(space), figures(space), draws(space), [ideal_stop(space)]):
         print("\n".join(lines), end="\n\n", flush=True)
 

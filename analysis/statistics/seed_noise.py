@@ -110,7 +110,7 @@ def agreement(x: ArrayLike, y: ArrayLike) -> float | None:
         None where there is nothing to rank: fewer than two networks, or all of them equal on one side.
     """
     first, second = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    if len(first) < 2 or np.ptp(first) == 0 or np.ptp(second) == 0:
+    if len(first) < 2 or first.min() == first.max() or second.min() == second.max():  # of infinite values, too
         return None
     return rounded(float(kendalltau(first, second).statistic))
 

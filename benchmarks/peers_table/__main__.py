@@ -13,7 +13,7 @@ import argparse
 import datetime
 import importlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,12 @@ OPTIMISERS = {
     "SMAC3": (EPOCHS, "by_smac", "forest"),
 }
 
+#: Each contender's epochs, answers and settings, of this project.
+OURS: dict[str, tuple[int, float, tuple[str, ...]]] = {
+    "ours, as published": (EPOCHS, ANSWERS, ()),
+    f"ours, fast, {SHORT} epochs": (SHORT, ANSWERS_SKIPPING, ("proposals.skipped=0.5",)),
+}
+
 LIBRARIES = ("optuna", "nevergrad", "ribs", "smac")
 
 #: The epochs of a contender's trainings, and what searches with a seed.
@@ -75,16 +81,13 @@ def contenders(path: Path, problem: SpaceProblem) -> dict[str, Contender]:
             optimiser, problem, seed=seed, trainings=trainings, epochs=epochs, failed=failed
         )
 
-    def own(epochs: int, answers: float, *settings: str) -> Contender:
+    def own(epochs: int, answers: float, settings: tuple[str, ...]) -> Contender:
         wanted = int(answers * _trainings(epochs)[-1])
         return epochs, lambda seed: ours.visits(rows, seed=seed, answers=wanted, epochs=epochs, settings=settings)
 
     pages = {page: importlib.import_module(f"benchmarks.peers_table.{page}") for _, page, _ in OPTIMISERS.values()}
     peers = {name: asked(getattr(pages[page], what), epochs) for name, (epochs, page, what) in OPTIMISERS.items()}
-    return peers | {
-        "ours, as published": own(EPOCHS, ANSWERS),
-        f"ours, fast, {SHORT} epochs": own(SHORT, ANSWERS_SKIPPING, "proposals.skipped=0.5"),
-    }
+    return peers | {name: own(*given) for name, given in OURS.items()}
 
 
 def _trainings(epochs: int) -> list[int]:
@@ -116,14 +119,23 @@ def begun(results: Path, digest: str, rivals: dict[str, Contender]) -> dict[str,
     return measured
 
 
-def main() -> None:
-    """Search, and write what comes out: all of it as JSON, and the project's table into the page."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Search, and write what comes out: all of it as JSON, and the project's table into the page.
+
+    Raises:
+        SystemExit: the arguments are others than it knows; nothing is searched.
+    """
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--table", type=Path, default=TABLE, help="the table of a space")
-    parser.add_argument("--searches", type=int, default=200, help="of each contender")
+    parser.add_argument("--searches", type=int, default=200, help="of each contender, at least 2")
     parser.add_argument("--results", type=Path, default=RESULTS, help="where they are kept; it goes on with these")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="these contenders; the others keep what they have")
-    given = parser.parse_args()
+    given = parser.parse_args(arguments)
+    if given.searches < 2:
+        parser.error(f"--searches: expected at least 2, which have an interval; got {given.searches}")
+    names = [*OPTIMISERS, *OURS]
+    if unknown := [name for name in given.only or () if name not in names]:
+        parser.error(f"--only: expected some of {'; '.join(names)}; got {'; '.join(unknown)}")
     problem = (opened := open_table(given.table)).as_problem()
     rivals = contenders(given.table, problem)
     measured = begun(given.results, opened.digest, rivals)

@@ -50,13 +50,13 @@ def table(measured: Mapping[str, Any]) -> Iterator[str]:
     contenders = measured["contenders"].items()
     ends = {name: np.array(one["ends"], dtype=np.float64) for name, one in contenders if len(one["ends"]) > 1}
     means = {name: logs.mean(axis=0) for name, logs in ends.items()}
-    best = [list(means)[row] for row in np.argmin(list(means.values()), axis=0)]
+    best = [list(means)[row] for row in np.argmin(list(means.values()), axis=0)] if means else []
     told = differs(ends) if len(ends) > 1 and REFERENCE in ends else {}
     libraries = ", ".join(f"{name} {number}" for name, number in measured["libraries"].items())
     yield f"Measured on {measured['date']}, with {libraries}."
     yield ""
     yield f"| trainings of {measured['epochs']} epochs | searches | {' | '.join(map(str, measured['budgets']))} |"
-    yield f"|---|---|{'---|' * len(best)}"
+    yield f"|---|---|{'---|' * len(measured['budgets'])}"
     for name in sorted(ends, key=lambda name: float(means[name][-1])):
         cells = []
         for at, lowest in enumerate(best):

@@ -5,14 +5,13 @@ import operator
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import fields
 from itertools import product
-from statistics import fmean
 from types import MappingProxyType
 from typing import NamedTuple
 
 from tacevo.errors import BundleError, ConfigError
 from tacevo.parts.kinds import FITNESS
 from tacevo.parts.registry import of_settings
-from tacevo.results.study import LOSS
+from tacevo.results.judged_loss import fresh_losses, judged_loss
 from tacevo.results.table_records import SpaceTable
 from tacevo.text import listed, nearest
 from tacevo.training.full import FullTraining
@@ -79,8 +78,8 @@ class SpaceProblem:
                 or it has not so many epochs.
         """
         row = self._row(genes)
-        number = _whole(seed, "seed", 0, self.seeds - 1)
-        length = _whole(epochs, "epochs", 1, self.epochs)
+        number = whole(seed, "seed", 0, self.seeds - 1)
+        length = whole(epochs, "epochs", 1, self.epochs)
         profile, verdict = self._table.networks[row].profile, self._table.verdicts.get((row, number))
         if profile is None or not isinstance(verdict, FullTraining):
             return Evaluation(math.inf, (), 0, 0)
@@ -91,33 +90,21 @@ class SpaceProblem:
     def judge(self, genes: Mapping[str, Value], *, seen: Iterable[int]) -> float:
         """Return how good a network is by the seeds that did not choose it; lower is better.
 
-        That is the mean of the logarithm of the test loss, at the epoch of the lowest validation loss of a whole
-        training, over all recorded seeds but `seen`; infinite where the network was refused or one of these failed.
+        That is `SpaceTable.unseen_loss`: the mean of the logarithm of the test loss, at the epoch of the lowest
+        validation loss of a whole training. It is over the fresh seeds of the table's judge where the judge trained the
+        network with each of them, or else over all recorded seeds but `seen`; then it is infinite where the network was
+        refused or one of these failed.
 
         Args:
             genes: as `evaluate` takes them.
-            seen: the seeds whose evaluations of this network the search knows; at least one is left.
+            seen: the seeds whose evaluations of this network the search knows; at least one is left, or the judge has
+                the network.
 
         Raises:
             ConfigError: as `evaluate`; or no seed is left.
         """
         row = self._row(genes)
-        if isinstance(seen, str) or not isinstance(seen, Iterable):
-            raise ConfigError(repr(seen), place="seen", expected="the seeds that evaluated this network, such as [0]")
-        known = {_whole(seed, "seen", 0, self.seeds - 1) for seed in seen}
-        left = [seed for seed in range(self.seeds) if seed not in known]
-        if not left:
-            raise ConfigError(
-                f"all {self.seeds}",
-                place="seen",
-                expected="at least one recorded seed that did not evaluate the network",
-            )
-        metric = LOSS[self._table.header.data.kind]
-        verdicts = [self._table.verdicts.get((row, seed)) for seed in left]
-        losses = [one.metrics[metric] for one in verdicts if isinstance(one, FullTraining)]
-        if len(losses) < len(left):
-            return math.inf
-        return fmean(math.log(loss) if loss > 0 else -math.inf for loss in losses)
+        return judged_loss(self._table, row, seeds_seen(self._table, row, seen))
 
     def _row(self, genes: Mapping[str, Value]) -> int:
         """Find the row of a network by its genes."""
@@ -161,7 +148,29 @@ def _genes_of(table: SpaceTable) -> dict[str, tuple[Value, ...]]:
     return genes
 
 
-def _whole(value: object, place: str, least: int, most: int) -> int:
+def seeds_seen(table: SpaceTable, network: int, seen: Iterable[int]) -> set[int]:
+    """Return the rows of the recorded seeds by which a network was chosen.
+
+    Raises:
+        ConfigError: one is not a recorded seed; or none is left to judge, and the table's judge has not the network.
+    """
+    seeds, is_judged = len(table.header.seeds), network in fresh_losses(table)
+    left = "" if is_judged else ", and not all of them"
+    expected = f"numbers of the {seeds} recorded seeds that evaluated the network, such as [0]{left}"
+    remedy = "" if is_judged else "`tacevo judge` trains fresh seeds"
+    if isinstance(seen, str) or not isinstance(seen, Iterable):
+        raise ConfigError(repr(seen), place="seen", expected=expected, remedy=remedy)
+    given = list(seen)
+    try:
+        known = {whole(seed, "seen", 0, seeds - 1) for seed in given}
+    except ConfigError as error:
+        raise ConfigError(error.got, place="seen", expected=expected, remedy=remedy) from None
+    if not is_judged and len(known) == seeds:
+        raise ConfigError(repr(given), place="seen", expected=expected, remedy=remedy)
+    return known
+
+
+def whole(value: object, place: str, least: int, most: int) -> int:
     """Return a whole number of any type that counts, but for a truth value."""
     try:
         number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]

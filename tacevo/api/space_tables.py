@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,14 +14,14 @@ from analysis.statistics.spaces import BY_EPOCHS, best_unseen_loss, unseen_loss,
 from analysis.sweeps.rejections import rejection_rates
 from tacevo.api import frames
 from tacevo.api.runs import Run
-from tacevo.api.space_problems import SpaceProblem
+from tacevo.api.space_problems import SpaceProblem, seeds_seen, whole
 from tacevo.bundles.format import STORE
 from tacevo.config.identity import twins_of
 from tacevo.errors import BundleError, ConfigError, RunError
 from tacevo.evolution.descriptors import describe
 from tacevo.records import Rejection
+from tacevo.results.judged_loss import fresh_losses, judged_loss
 from tacevo.results.space_table import read_table
-from tacevo.results.study import LOSS
 from tacevo.results.table_records import SpaceTable as Rows
 from tacevo.results.table_records import TableNetwork, TableTraining
 from tacevo.rounding import rounded
@@ -122,19 +122,23 @@ class SpaceTable:
 
     @property
     def worth(self) -> pd.DataFrame:
-        """The worth of a fitness after each number of epochs, by each rule, over all networks (`worth_of`)."""
+        """The worth of a fitness after each number of epochs, by each rule (`worth_of`).
+
+        Over the judge's networks where the table has a judge, or else over all; `judged_by` says which.
+        """
         return self.worth_of()
 
     def worth_of(self, **genes: bool | float | str) -> pd.DataFrame:
         """Return the worth of a fitness among the networks of some genes, after each number of epochs, by each rule.
 
         The ICC of one training, and Kendall's tau of the fitness under one seed with the mean log test loss under seeds
-        that it has not seen, the mean over the recorded seeds: the judge's, among the networks that it has, or else all
-        other recorded ones. Networks that failed are left out. Without rows where one seed, or one network, is
-        all.
+        that it has not seen, the mean over the recorded seeds. Where the judge has two or more of the networks, both
+        are among these alone, and its seeds are those that judge (`judged_by` is `fresh`); or else both are among all
+        of the networks, and all other recorded seeds judge (`recorded`). Networks that failed are left out. Without
+        rows where one seed, or one network, is all.
 
         Args:
-            genes: a value of each, such as `down="max", norm="batch"`; none for all networks.
+            genes: a value of each, such as `down="max", norm="batch"`; none for all.
 
         Returns:
             Columns: `BY_EPOCHS`.
@@ -155,7 +159,7 @@ class SpaceTable:
         worth = worth_by_epochs(self._losses(rows), [self._tests[row] for row in rows])
         return frames.frame([], BY_EPOCHS) if worth is None else worth
 
-    def unseen_loss(self, network: int, *, seen: Collection[int]) -> float:
+    def unseen_loss(self, network: int, *, seen: Iterable[int]) -> float:
         """Judge a network by the seeds that did not choose it.
 
         Args:
@@ -163,21 +167,17 @@ class SpaceTable:
             seen: rows of the recorded seeds that whoever chose it has looked at.
 
         Returns:
-            The mean logarithm of its test loss: under the judge's fresh seeds where the judge has it, or else under the
-            other recorded seeds.
+            The mean logarithm of its test loss: under the judge's fresh seeds where the judge trained it with each of
+            them, or else under the other recorded seeds. Minus infinity where one of these losses is 0.
 
         Raises:
-            ConfigError: no such network trained with every seed; or no seed is left.
+            ConfigError: no such network trained with every seed; or one of `seen` is not recorded; or no seed is left,
+                and the judge has not the network.
         """
-        if network in self._fresh:
-            return unseen_loss(self._fresh[network], ())
-        if network not in self._tests:
+        row = whole(network, "network", 0, len(self._rows.networks) - 1)
+        if row not in self._fresh and row not in self._tests:
             raise ConfigError(repr(network), place="network", expected="the row of one that trained with every seed")
-        seeds = range(len(self._rows.header.seeds))
-        if not set(seeds) - set(seen) or not set(seen) <= set(seeds):
-            expected = f"rows of the {len(seeds)} recorded seeds, and not all of them"
-            raise ConfigError(repr(seen), place="seen", expected=expected, remedy="`tacevo judge` trains fresh seeds")
-        return unseen_loss(self._tests[network], set(seen))
+        return judged_loss(self._rows, row, seeds_seen(self._rows, row, seen))
 
     def as_problem(self, *, rule: str = "lowest") -> SpaceProblem:
         """Return the space as a problem to search by ask and tell, for an optimiser of anybody's.
@@ -194,8 +194,9 @@ class SpaceTable:
     def regret(self, run: Run) -> Regret:
         """Compare the fittest elite of a run with the best network, by seeds that chose neither (`unseen_loss`).
 
-        The best is the network that all seeds but one choose, judged by that one, the mean over the seeds: of the judge
-        where there is one, or else of the recorded ones.
+        The best is the network that all seeds but one choose, judged by that one, the mean over the seeds. Both, and
+        the rank, are by the fresh seeds among the judge's networks where the judge trained the elite with each of them,
+        or else by recorded seeds among all networks, as of a table without a judge.
 
         Args:
             run: one that looked its evaluations up in this table, or trained on the data set that it is of.
@@ -216,15 +217,14 @@ class SpaceTable:
             raise RunError("a network that is not in it", place=place, expected=expected)
         if own not in self._tests:
             raise RunError(f"network {own}, which did not", place=place, expected=expected)
-        seen = self._seen(run, own)
-        loss = self.unseen_loss(own, seen=seen)
-        judging = self._fresh or self._tests
-        others = [self.unseen_loss(row, seen=seen) for row in judging if row != own]
-        if len(next(iter(judging.values()))) < 2:
-            raise ConfigError("one", place="seeds", expected="a table of two seeds or more, or with a judge")
-        least = best_unseen_loss(list(judging.values()))
-        rank = 1 + sum(other < loss for other in others)
-        return Regret(network=own, loss=rounded(loss - least), rank=rank)
+        judging, seen = (self._fresh, set[int]()) if own in self._fresh else (self._tests, self._seen(run, own))
+        if len(judging[own]) < 2:
+            expected = "a table of two seeds or more, or with a judge that has the network"
+            raise ConfigError("one", place="seeds", expected=expected)
+        losses = {row: unseen_loss(each, seen) for row, each in judging.items()}
+        loss, least = losses[own], best_unseen_loss(list(judging.values()))
+        rank = 1 + sum(other < loss for other in losses.values())
+        return Regret(network=own, loss=0.0 if loss == least else rounded(loss - least), rank=rank)
 
     def _seen(self, run: Run, network: int) -> set[int]:
         """Return the rows of the recorded seeds by which a run chose a network."""
@@ -278,15 +278,15 @@ class SpaceTable:
     def _by_hash(self) -> dict[str, int]:
         return {network.sha256: row for row, network in enumerate(self._rows.networks)}
 
-    @cached_property
-    def _tests(self) -> dict[int, list[float]]:
+    @property
+    def _tests(self) -> Mapping[int, Sequence[float]]:
         """The test losses of each network that trained with every recorded seed, by its row."""
-        return _test_losses(self._rows)
+        return self._rows.test_losses
 
-    @cached_property
-    def _fresh(self) -> dict[int, list[float]]:
+    @property
+    def _fresh(self) -> Mapping[int, Sequence[float]]:
         """The same by the judge's fresh seeds; empty without a judge."""
-        return {} if self._rows.judge is None else _test_losses(self._rows.judge)
+        return fresh_losses(self._rows)
 
     def _losses(self, rows: Sequence[int]) -> NDArray[np.float64]:
         """Return the validation losses of networks that trained with every recorded seed, shape (n, S, E)."""
@@ -330,15 +330,6 @@ def _scored(row: TableTraining) -> dict[str, Any]:
     if isinstance(verdict, Rejection):
         return {**columns, "failed": verdict.reason.value}
     return {**columns, "epoch": verdict.epoch, "validation_loss": verdict.validation_loss, **verdict.metrics}
-
-
-def _test_losses(rows: Rows) -> dict[int, list[float]]:
-    """Return the test losses of each network that trained with every seed of a table or its judge, by row."""
-    metric, losses = LOSS[rows.header.data.kind], dict[int, list[float]]()
-    for row in rows.trainings:
-        if row.full is not None:
-            losses.setdefault(row.network, []).append(row.full.metrics[metric])
-    return {network: each for network, each in losses.items() if len(each) == len(rows.header.seeds)}
 
 
 def _not_open(value: object, place: str, expected: str) -> ConfigError:

@@ -316,7 +316,7 @@ def judge(
     Args:
         table: the table, as `tacevo tabulate` writes it
         overrides: settings of executor, store and device, as in Hydra; all others are the table's
-        output: the file to write; it may be the table itself
+        output: the file to write; it may be the table itself, and a judge there is replaced by one that holds it
         networks: how many are judged (96)
         seeds: fresh seeds of each (20)
         part: train only part K of N, and write no file

@@ -32,13 +32,15 @@ def run_judge(
         judged = judge_table(
             table, overrides, target, view, networks=networks, seeds=seeds, number=number - 1, parts=parts
         )
-    if judged is None or judged.judge is None:
+    written = judged.table
+    if written is None:
         tell(f"part {number} of {parts} is trained; without --part this trains what is left, and writes {output}")
-        return DONE
-    tell(f"table:  {output} ({judged.name})")
-    for line in judged.judge.failures:
+    else:
+        tell(f"table:  {output} ({written.name})")
+    for line in judged.failures:
         tell(f"failed: {line}")
-    tell(f"verify: {as_typed('tacevo')} replay {shlex.quote(output)} --retrain 5")
-    tell(f"judge:  {judged.judge.digest}")
-    tell(f"digest: {judged.digest}")
-    return DIFFERENT if judged.judge.failures else DONE
+    if written is not None and written.judge is not None:
+        tell(f"verify: {as_typed('tacevo')} replay {shlex.quote(output)} --retrain 5")
+        tell(f"judge:  {written.judge.digest}")
+        tell(f"digest: {written.digest}")
+    return DIFFERENT if judged.failures else DONE

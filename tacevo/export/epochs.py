@@ -11,8 +11,9 @@ from tacevo.runs.progress import Progress
 class EpochCount:
     """Shows how many of all epochs are done.
 
-    A study's training tells each epoch. One whose weights are kept tells none before its end; it goes at the pace of
-    the others, or of the search, so its epochs are counted by that, and never as more than it has.
+    A study's training tells each epoch; one that is begun again tells some twice. One whose weights are kept tells none
+    before its end; it goes at the pace of the others, or of the search, so its epochs are counted by that. None is
+    counted as more epochs than it has.
     """
 
     def __init__(self, view: Progress, total: int, seconds: float | None) -> None:
@@ -23,16 +24,18 @@ class EpochCount:
         view.advance("epochs", 0, total)
 
     def told(self) -> None:
-        """Count an epoch of this thread's training."""
-        self._own.counted = getattr(self._own, "counted", 0) + 1
-        self._add(1)
+        """Count an epoch of this thread's training, up to the last that it has."""
+        if left := getattr(self._own, "left", 0):
+            self._own.left = left - 1
+            self._add(1)
 
     @contextlib.contextmanager
     def telling(self, epochs: int) -> Iterator[None]:
         """Count a training of this thread that tells its epochs; at its end all of them are counted."""
-        self._own.counted, began = 0, time.monotonic()
+        self._own.left, began = epochs, time.monotonic()
         yield
-        self._add(epochs - self._own.counted)
+        self._add(self._own.left)
+        self._own.left = 0
         self._seconds = (time.monotonic() - began) / epochs
 
     @contextlib.contextmanager

@@ -6,14 +6,13 @@ a network's luck under its own few seeds hardly decides whether it is judged: wh
 common with others.
 """
 
-import math
 from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tacevo.results.study import LOSS
+from tacevo.results.judged_loss import mean_log_loss
 from tacevo.results.table_records import SpaceTable
 
 #: Decimals of an expected log loss: other libraries of linear algebra give other last bits.
@@ -25,21 +24,20 @@ def put_first(table: SpaceTable, count: int) -> tuple[int, ...]:
 
     The model has nothing to say of the baseline's file, which has no genome, nor of networks that the gate refused or
     that failed with a seed: they are left out. Of networks with equal expectations (to nine decimals) the one with the
-    lower row comes first.
+    lower row comes first. A network with a test loss of 0, whose mean would be minus infinity, counts as the lowest
+    mean of the others.
 
     Args:
         table: of the networks.
         count: how many; fewer where the table has fewer.
     """
-    metric, logs = LOSS[table.header.data.kind], dict[int, list[float]]()
-    for training in table.trainings:
-        if training.full is not None and table.networks[training.network].genome is not None:
-            logs.setdefault(training.network, []).append(math.log(training.full.metrics[metric]))
-    rows = [row for row, each in logs.items() if len(each) == len(table.header.seeds)]
+    rows = [row for row in table.test_losses if table.networks[row].genome is not None]
     if not rows:
         return ()
     design = _indicators([table.networks[row].genome or {} for row in rows])
-    means = np.array([math.fsum(logs[row]) / len(logs[row]) for row in rows])
+    means = np.array([mean_log_loss(table.test_losses[row]) for row in rows])
+    finite = means[np.isfinite(means)]
+    means = np.maximum(means, finite.min() if finite.size else 0.0)
     expected = (design @ np.linalg.lstsq(design, means, rcond=None)[0]).round(_DECIMALS).tolist()
     return tuple(row for _, row in sorted(zip(expected, rows, strict=True))[:count])
 

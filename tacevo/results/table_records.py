@@ -1,6 +1,6 @@
 """The records of the table of a space: its header, its rows, and both as `tacevo.results.space_table` reads them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,7 @@ from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig
 from tacevo.profile import Profile
 from tacevo.records import DataFacts, Record, Rejection, Task
+from tacevo.results.study import LOSS
 from tacevo.rules import Rules
 from tacevo.text import counted
 from tacevo.training.full import FullTraining
@@ -149,6 +150,19 @@ class SpaceTable:
         """The verdict of each training, by the rows of network and seed."""
         return {(row.network, row.seed): row.verdict for row in self.trainings}
 
+    def test_loss(self, network: int, seed: int) -> float | None:
+        """Return the test loss of a training, by the rows of network and seed; None where there is none."""
+        verdict = self.verdicts.get((network, seed))
+        return verdict.metrics[LOSS[self.header.data.kind]] if isinstance(verdict, FullTraining) else None
+
+    @cached_property
+    def test_losses(self) -> Mapping[int, Sequence[float]]:
+        """The test losses of each network that trained with every seed, a seed each, by its row."""
+        seeds = range(len(self.header.seeds))
+        losses = {row: [self.test_loss(row, seed) for seed in seeds] for row in self.trained}
+        sound = {row: [loss for loss in each if loss is not None] for row, each in losses.items()}
+        return {row: each for row, each in sound.items() if len(each) == len(seeds)}
+
     @property
     def trained(self) -> tuple[int, ...]:
         """The rows of the networks that have trainings, in the order of these."""
@@ -176,12 +190,11 @@ class SpaceTable:
             for row, network in enumerate(self.networks)
             if network.rejection is not None and not self.part
         ]
-        failed = [
-            f"network {row.network}, seed {row.seed}: {row.rejection.reason}"
-            for row in self.trainings
-            if row.rejection is not None
-        ]
-        return refused + failed + ([] if self.judge is None else [f"judge: {line}" for line in self.judge.failures])
+        return (
+            refused
+            + failures_of(self.trainings)
+            + ([] if self.judge is None else [f"judge: {line}" for line in self.judge.failures])
+        )
 
     @property
     def failed(self) -> str:
@@ -189,6 +202,15 @@ class SpaceTable:
         refused = sum(network.rejection is not None for network in self.networks)
         failed = sum(row.rejection is not None for row in self.trainings)
         return f"the gate refused {counted(refused, 'network')}, and {counted(failed, 'training')} failed"
+
+
+def failures_of(trainings: Iterable[TableTraining]) -> list[str]:
+    """Return a line for each training that failed."""
+    return [
+        f"network {row.network}, seed {row.seed}: {row.rejection.reason}"
+        for row in trainings
+        if row.rejection is not None
+    ]
 
 
 def value_of(config: RunConfig, key: str) -> object:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Generator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from made_up import TINY, made_up_table
 
 import tacevo
 from benchmarks.peers_table import ours
+from benchmarks.peers_table.__main__ import main
 from benchmarks.peers_table.asking import MOST_ASKED, Choices, Genes, Optimiser, Visit, handed_over, visits
 from benchmarks.peers_table.by_pyribs import map_elites
 from benchmarks.peers_table.figures import REFERENCE, differs, interval, table
@@ -154,3 +156,31 @@ def test_interval_and_verdicts_follow_from_the_searches() -> None:
     (row,) = (line for line in lines if line.startswith("| better "))
     assert row.startswith(f"| better | 50 | **{mean:.3f}**\\* [{low:.3f}, {high:.3f}] | ")
     assert row.count("\\*") == 1
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--searches", "1"], "--searches"),
+        (["--searches", "0"], "--searches"),
+        (["--searches", "-3"], "--searches"),
+        (["--only", "unknown"], "--only"),
+        (["--only", "random draws", "SMAC4"], "SMAC4"),
+    ],
+)
+def test_arguments_are_checked_before_anything_is_opened(
+    given: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Too few searches for an interval, and contenders that nobody knows; neither table nor results are looked at."""
+    with pytest.raises(SystemExit) as ended:
+        main(["--table", str(tmp_path / "none.zip"), "--results", str(tmp_path / "results.json"), *given])
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_table_without_a_row_is_its_head() -> None:
+    """Of contenders with one search each, or none, there is no interval."""
+    contenders = {REFERENCE: {"ends": [[-1.0, -1.0]]}, "begun": {"ends": []}}
+    said = {"date": "today", "libraries": {"ribs": "1"}, "epochs": 10, "budgets": [5, 9], "contenders": contenders}
+    assert len(list(table(said))) == 4

@@ -2,11 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from checkout import ROOT
-from made_up import TINY, made_up_table
+from made_up import TINY, made_up_judge, made_up_table
 
 from benchmarks.reach import (
     BUDGETS,
@@ -17,6 +18,7 @@ from benchmarks.reach import (
     at_random,
     handed_over,
     mean,
+    reach,
     searched,
     table,
 )
@@ -57,6 +59,55 @@ def test_many_searches_do_not_make_two_judges_more(space: Space) -> None:
     assert few.error == pytest.approx(many.error)
     assert few.error > 0
     assert mean(space, [Handed(3, 1)] * 10, [Handed(3, 1)] * 10).error == pytest.approx(0, abs=1e-9)  # they share both
+
+
+def test_error_is_of_whatever_judges(place: Path) -> None:
+    """By hand: the fresh seeds of the networks that the table's judge has, and the recorded ones of the others."""
+    bare = made_up_table(place / "bare.zip", *TINY, "training.epochs=10")
+    judged = Space(made_up_judge(place / "judged.zip", bare, networks=2, seeds=4))
+    assert judged.table.judge is not None
+    (first, losses), *_ = judged.table.judge.test_losses.items()
+    logs = np.log(losses)
+    one = mean(judged, [Handed(first, 1)] * 5)
+    assert one.value == pytest.approx(logs.mean(), abs=1e-8)
+    assert one.error == pytest.approx(np.sqrt(logs.var(ddof=1) / 4))
+    assert mean(judged, [Handed(first, 0)] * 5) == one  # a recorded seed is none of the judge's
+    other = next(row for row in range(1, 9) if row not in judged.table.judge.test_losses)
+    both = mean(judged, [Handed(first, 1)] * 5, [Handed(other, 1)] * 5)
+    noise = (logs.var(ddof=1) + np.log(judged.tests[other]).var(ddof=1)) / 2
+    assert both.error == pytest.approx(np.sqrt(noise * (1 / 4 + 1 / 2)))
+
+
+def test_way_without_an_error_has_no_row(space: Space) -> None:
+    """With no search, with one, or without draws of as long trainings: no other number depends on it."""
+    handed = {row: [[row, 0]] * len(BUDGETS) for row in range(1, 6)}
+    ways: dict[str, Any] = {
+        "draws, 10 epochs": {"epochs": 10, "searches": [handed[1], handed[2], handed[3]]},
+        "ours": {"epochs": 10, "searches": [handed[3], handed[4], handed[5]]},
+    }
+    plain = table(space, ways)
+    few = {"none": {"epochs": 10, "searches": []}, "one": {"epochs": 10, "searches": [handed[1]]}}
+    assert table(space, {**ways, **few}) == plain
+    assert "nan" not in plain
+    alone = table(space, {**ways, "short": {**ways["ours"], "epochs": 5}, **few})
+    assert alone.split("\n\n")[1] == plain.split("\n\n")[1]
+    assert "| short | 3 |" in alone
+    alike = {
+        name: {"epochs": 10, "searches": [handed[1]] * count} for name, count in (("draws, 10 epochs", 3), ("b", 7))
+    }
+    assert table(space, alike).count("| 1.000 [1.000, 1.000] | 1 | 1 | 1 |") == len(BUDGETS)
+    assert "none" not in table(space, few)
+
+
+def test_file_of_other_budgets_is_refused(space: Space, tmp_path: Path) -> None:
+    """Its searches handed over at other times; nothing is searched, and the file stays."""
+    file = tmp_path / "reach.json"
+    for budgets in ([50, 100, 200], [*BUDGETS, 800], [5, 10, 20, 40]):
+        file.write_text(json.dumps({"table": space.table.digest, "budgets": budgets, "ways": {}}), encoding="utf-8")
+        before = file.read_bytes()
+        with pytest.raises(SystemExit, match="budgets"):
+            reach(space, file, 1, 0)
+        assert file.read_bytes() == before
 
 
 def test_random_networks_are_distinct(space: Space) -> None:

@@ -3,9 +3,10 @@
 import hashlib
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from analysis.statistics.spaces import best_unseen_loss, unseen_loss, worth_by_e
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.errors import BundleError, ConfigError, DivergenceError
-from tacevo.records import Reason, Rejection, Stage
+from tacevo.records import Reason, Rejection, Stage, to_json
 from tacevo.reproduce.space_table import retrain_table, verify_table
 from tacevo.results.gene_model import put_first
 from tacevo.results.space_table import find_table, read_table, write_table
@@ -27,10 +28,12 @@ from tacevo.runs.seeds import training_seed
 from tacevo.runs.session import search
 from tacevo.runs.table_answers import recorded_seeds
 from tacevo.storage.entries import ReadBudget
+from tacevo.storage.store import Store
 from tacevo.storage.zipfiles import packed, read_members
 from tacevo.studies.judge import judge_table
 from tacevo.studies.tabulate import tabulate
 from tacevo.training.full import StoredPredictions
+from tacevo.training.metrics import counted_metrics
 
 SIZES = ("training.epochs=4",)
 
@@ -60,7 +63,13 @@ def _searched(table: SpaceTable, folder: Path, *more: str) -> tacevo.Run:
 
 def _with_loss(training: TableTraining, loss: float) -> TableTraining:
     assert training.full is not None
-    return replace(training, full=replace(training.full, metrics={**training.full.metrics, "cross_entropy": loss}))
+    full = training.full
+    assert full.confusion is not None
+    if loss == 0:  # which no wrong answer has
+        images = [sum(row) for row in full.confusion]
+        confusion = tuple(tuple(count if i == j else 0 for j in range(len(images))) for i, count in enumerate(images))
+        full = replace(full, confusion=confusion, metrics={**full.metrics, **counted_metrics(confusion)})
+    return replace(training, full=replace(full, metrics={**full.metrics, "cross_entropy": loss}))
 
 
 def test_loss_is_of_the_seeds_that_did_not_choose() -> None:
@@ -105,7 +114,7 @@ def test_model_puts_first_what_its_genes_say_and_not_luck(table: SpaceTable, tmp
 
     lucky = next(row for row in range(1, 33) if loss(row) == 0.4)
     rows = [_with_loss(one, 0.3 if one.network == lucky else loss(one.network)) for one in table.trainings]
-    header = replace(table.header)
+    header = table.header
     level = write_table(tmp_path / "level.zip", header, table.networks, rows)
     best = [row for row in range(1, 33) if loss(row) == 0.2]
     assert set(put_first(level, 8)) == set(best)
@@ -154,10 +163,6 @@ def test_what_a_search_saw_never_judges_it(table: SpaceTable, judged: SpaceTable
     first = int(fresh.index[0])
     value = float(np.log(fresh.loc[first].to_numpy(float)).mean())
     assert by_fresh.unseen_loss(first, seen=[0, 1, 2]) == pytest.approx(value, abs=1e-8)  # none of these chose
-    worse = by_fresh.regret(run)
-    assert worse.loss == pytest.approx(
-        by_fresh.unseen_loss(worse.network, seen=[seen]) - best_unseen_loss(fresh.to_numpy(float)), abs=1e-8
-    )
     for seeds in ([0, 1, 2], [7]):
         with refused(ConfigError, place="seen", remedy="tacevo judge"):
             opened.unseen_loss(0, seen=seeds)
@@ -165,13 +170,103 @@ def test_what_a_search_saw_never_judges_it(table: SpaceTable, judged: SpaceTable
         opened.unseen_loss(999, seen=[])
 
 
+def _judged_by_hand(table: SpaceTable, path: Path, fresh: Mapping[int, list[float | None]]) -> SpaceTable:
+    """Write a table whose judge has these test losses of these networks; None is a training that failed."""
+    header = replace(table.header, seeds=(901, 902))
+    sound = [one for one in table.trainings if one.full is not None]
+    refusal = Rejection(stage=Stage.train, reason=Reason.not_finite, detail="")
+    rows = []
+    for network, losses in fresh.items():
+        for seed, loss in enumerate(losses):
+            row = replace(_with_loss(sound[network * 3], loss or 0.0), seed=seed)
+            full = row.full
+            assert full is not None
+            weights = hashlib.sha256(f"{network}, {seed}".encode()).hexdigest()
+            training = replace(full.training, weights_sha256=weights, predictions_sha256=weights)
+            assert full.kept is not None
+            kept = replace(full.kept, predictions=weights)
+            row = replace(row, full=replace(full, training=training, kept=kept))
+            rows.append(replace(row, full=None, rejection=refusal) if loss is None else row)
+    return write_table(path, table.header, table.networks, table.trainings, (header, rows))
+
+
+def test_regret_is_by_one_kind_of_seeds(table: SpaceTable, tmp_path: Path) -> None:
+    """By hand: the judge's alone where it trained the network with each, or else the recorded ones, as without it."""
+    run = _searched(table, tmp_path)
+    plain = tacevo.open_table(table.path).regret(run)
+    own, (one, other) = plain.network, [row for row in (5, 6, 7) if row != plain.network][:2]
+    fresh: dict[int, list[float | None]] = {own: [0.8, 0.9], one: [0.5, 0.7], other: [0.6, 0.6]}
+    whole = tacevo.open_table(_judged_by_hand(table, tmp_path / "whole.zip", fresh).path).regret(run)
+    # seed 1 puts `other` first, which seed 0 judges as 0.6; seed 0 puts `one` first, which seed 1 judges as 0.7
+    expected = (math.log(0.8) + math.log(0.9) - math.log(0.6) - math.log(0.7)) / 2
+    assert (whole.network, whole.rank) == (own, 3)
+    assert whole.loss == pytest.approx(expected, abs=1e-8)
+    for name, losses in (
+        ("lacking", {one: fresh[one], other: fresh[other]}),
+        ("failed", {**fresh, own: [0.8, None]}),
+    ):
+        judged = _judged_by_hand(table, tmp_path / f"{name}.zip", losses)
+        assert tacevo.open_table(judged.path).regret(run) == plain
+
+
+def test_all_who_judge_a_network_say_the_same(table: SpaceTable, tmp_path: Path) -> None:
+    """The judge where it trained the network with each seed, or else the recorded seeds; of a loss of 0 minus infinity.
+
+    A perfect network stops neither the model of the genes nor a regret.
+    """
+    rows = [_with_loss(one, 0.0) if one.network in {3, 4} else one for one in table.trainings]
+    perfect = write_table(tmp_path / "perfect.zip", table.header, table.networks, rows)
+    judged = _judged_by_hand(perfect, tmp_path / "judged.zip", {5: [0.8, 0.9], 6: [0.5, None], 7: [0.0, 0.3]})
+    opened = tacevo.open_table(judged.path)
+    problem = opened.as_problem()
+    for row in range(1, 9):
+        genes = dict(judged.networks[row].genome or {})
+        assert problem.judge(genes, seen=[1]) == opened.unseen_loss(row, seen=[1])
+    assert opened.unseen_loss(5, seen=[0, 1, 2]) == pytest.approx(math.log(0.8 * 0.9) / 2, abs=1e-8)
+    assert opened.unseen_loss(6, seen=[1]) == tacevo.open_table(table.path).unseen_loss(6, seen=[1])
+    assert opened.unseen_loss(3, seen=[1]) == opened.unseen_loss(7, seen=[1]) == -math.inf
+    with refused(ConfigError, place="seen"):
+        problem.judge(dict(judged.networks[6].genome or {}), seen=[0, 1, 2])
+    assert set(put_first(perfect, 99)) == set(range(1, 33))
+    assert not tacevo.open_table(perfect.path).worth.empty
+    assert not opened.worth.empty
+    zero = [_with_loss(one, 0.0) for one in table.trainings]
+    every = write_table(tmp_path / "zero.zip", table.header, table.networks, zero)
+    assert len(put_first(every, 99)) == 32
+    opened = tacevo.open_table(every.path)
+    assert opened.worth["one_seed"].isna().all()
+    assert opened.regret(_searched(every, tmp_path / "zero"))[1:] == (0.0, 1)
+
+
+@pytest.mark.parametrize("network", [True, -1, 999, 1.0, "1", None, [1]])
+@pytest.mark.parametrize("has_judge", [True, False])
+def test_other_networks_and_seeds_are_not_judged(
+    table: SpaceTable, judged: SpaceTable, network: Any, has_judge: bool
+) -> None:
+    """A row and the rows of recorded seeds are whole numbers within their range, whoever judges."""
+    opened = tacevo.open_table((judged if has_judge else table).path)
+    with refused(ConfigError, place="network"):
+        opened.unseen_loss(network, seen=[0])
+    first = put_first(table, 1)[0]
+    for seen in (None, 0, "0", [99], [-1], [True], [0.0], ["0"]):
+        with refused(ConfigError, place="seen"):
+            opened.unseen_loss(first, seen=seen)  # type: ignore[arg-type]
+    of_numpy: Any = np.int64(first)
+    assert opened.unseen_loss(of_numpy, seen=np.arange(2)) == opened.unseen_loss(first, seen={0, 1})
+
+
 def test_worth_is_of_the_networks_of_some_genes(table: SpaceTable, judged: SpaceTable) -> None:
     """All, or those with given values; by the judge's seeds where it has such networks."""
     opened = tacevo.open_table(table.path)
     assert opened.worth.equals(opened.worth_of())
     assert not opened.worth.equals(opened.worth_of(norm="batch", activation="gelu"))
-    by_fresh = tacevo.open_table(judged.path).worth
-    assert not by_fresh.equals(opened.worth)
+    by_fresh = tacevo.open_table(judged.path)
+    assert not by_fresh.worth.equals(opened.worth)
+    assert (set(by_fresh.worth["judged_by"]), set(opened.worth["judged_by"])) == ({"fresh"}, {"recorded"})
+    lacking = next(row for row in range(1, 33) if row not in set(by_fresh.judge["network"]))
+    genome = dict(table.networks[lacking].genome or {})
+    pair = {name: value for name, value in genome.items() if name != "norm"}  # of which the judge has one at most
+    assert set(by_fresh.worth_of(**pair)["judged_by"]) == {"recorded"}
     for wrong in ({"colour": "red"}, {"norm": "group"}):
         with refused(ConfigError, place="genes"):
             opened.worth_of(**wrong)
@@ -283,6 +378,30 @@ def test_command_refuses_what_makes_no_judge(
     assert not (tmp_path / "judged.zip").exists()
 
 
+def test_no_table_and_no_judge_is_lost_to_another_judge(table: SpaceTable, judged: SpaceTable, tmp_path: Path) -> None:
+    """What stands at the target is replaced by a judge with its networks and seeds, or more, of the same table."""
+    assert judged.judge is not None
+
+    def trained(name: str, of: SpaceTable, judge: SpaceTable | None = None) -> SpaceTable:
+        real = replace(of.header, made_up=False)
+        part = None if judge is None else (replace(judge.header, made_up=False), judge.trainings)
+        return write_table(tmp_path / name, real, of.networks, of.trainings, part)
+
+    rows, full = trained("table.zip", table), trained("judged.zip", judged, judged.judge)
+    others = trained("others.zip", made_up_table(tmp_path / "made_up.zip", *TINY, *SIZES))
+    before = {path: path.read_bytes() for path in (full.path, others.path)}
+    fewer, other = ((full.path, *sizes) for sizes in ((2, 4), (3, 3), (2, 9), (9, 2))), (others.path, 9, 9)
+    for path, networks, seeds in (*fewer, other):
+        for one in (rows, full):
+            for parts in (1, 2):
+                with refused(ConfigError, place=f"-o {path}", remedy="-o"):
+                    judge_table(one, [], path, Progress(), networks=networks, seeds=seeds, parts=parts)
+    assert {path: path.read_bytes() for path in before} == before
+    for target, networks, seeds in ((full.path, 3, 4), (full.path, 4, 5), (rows.path, 2, 2), (tmp_path / "new", 2, 2)):
+        with refused(ConfigError, place="data.seed"):  # which is asked later
+            judge_table(full, ["data.seed=1"], target, Progress(), networks=networks, seeds=seeds)
+
+
 @pytest.mark.slow
 def test_judge_is_trained_in_parts_and_trains_again_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Parts write nothing; what is whole is written, verified, and each of its rows trains again, bit for bit."""
@@ -313,3 +432,11 @@ def test_judge_is_trained_in_parts_and_trains_again_alike(tmp_path: Path, capsys
     assert judge is not None
     with refused(DivergenceError, place=f"{JUDGE}trainings.jsonl, line 1"):
         retrain_table(judge, None, 1, str(tmp_path / "cache"), Progress())
+    recorded = Store(tmp_path / "cache", "studies")
+    (request,) = (entry.request for entry in recorded.entries() if entry.answer == {"full": to_json(first.full)})
+    refusal = Rejection(stage=Stage.train, reason=Reason.not_finite, detail="")
+    recorded.write(request, {"rejection": to_json(refusal)})
+    capsys.readouterr()
+    assert sorted(main([*command, "--part", part]) for part in ("1/2", "2/2")) == [0, 1]  # each says what failed of it
+    assert capsys.readouterr().out.count(f"network {first.network}, seed {first.seed}: not_finite") == 1
+    assert main(command) == 1

@@ -22,8 +22,8 @@ ROOMS: Mapping[str, str] = {
     "tacverse": "tacevo.data.sources.tacverse tacevo.data.sources.release",
     "table": (
         "tacevo.results.space_table tacevo.results.table_checks tacevo.results.table_records "
-        "tacevo.results.gene_model tacevo.studies.tabulate tacevo.studies.judge tacevo.cli.tabulate tacevo.cli.judge "
-        "tacevo.runs.table_answers "
+        "tacevo.results.gene_model tacevo.results.judged_loss tacevo.studies.tabulate tacevo.studies.judge "
+        "tacevo.cli.tabulate tacevo.cli.judge tacevo.runs.table_answers "
         "tacevo.reproduce.space_table tacevo.api.space_tables tacevo.api.space_problems analysis.statistics.spaces"
     ),
     "slurm": "tacevo.sweeps.slurm submitit",
