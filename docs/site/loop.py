@@ -62,7 +62,9 @@ def _box(axes: Axes, corner: tuple[float, float], step: tuple[str, str, str, str
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], bent: str = "arc3") -> None:
     axes.add_patch(
-        FancyArrowPatch(start, end, connectionstyle=bent, arrowstyle="-|>", mutation_scale=8, color=GREY, lw=1, clip_on=False)
+        FancyArrowPatch(
+            start, end, connectionstyle=bent, arrowstyle="-|>", mutation_scale=8, color=GREY, lw=1, clip_on=False
+        )
     )
 
 

@@ -349,7 +349,7 @@ def _defaults(schema: type) -> dict[str, Json]:
 
 def _check_settings(overrides: Sequence[str]) -> None:
     """Refuse what is not a setting of tacevo: what is added or removed, is Hydra's own, or lacks a value."""
-    for override in overrides:
+    for override, after in zip(overrides, [*overrides[1:], ""], strict=True):
         if override.startswith("parts="):
             expected = "parts.NAME.SETTING=VALUE, a setting of a part"
             raise ConfigError(override, place="parts", expected=expected)
@@ -357,7 +357,8 @@ def _check_settings(overrides: Sequence[str]) -> None:
         if override.startswith(("+", "~", "hydra.", "hydra/", "code=", "code.")):
             remedy = "settings cannot be added or removed, and Hydra's own have no effect"
             raise ConfigError(repr(override), expected=expected, remedy=remedy)
-        if "=" not in override.strip("="):
+        is_torn = override.endswith("=") and after != "" and "=" not in after
+        if "=" not in override.lstrip("=") or is_torn:
             raise ConfigError(repr(override), expected=expected, remedy=_spaced(override, overrides))
 
 

@@ -37,6 +37,7 @@ def test_every_column_is_listed() -> None:
     from analysis.statistics.spaces import BY_EPOCHS
 
     expected = {**LISTED, "run.pareto(OBJECTIVES)": {"id": "str", **PARETO}, "table.worth": BY_EPOCHS}
+    # An optimiser's problem has no frame.
     _, *parts = re.split(r"^### `([^`]+)`.*$", (ROOT / "docs/python.md").read_text(), flags=re.MULTILINE)
     listed = {
         name: {
@@ -45,6 +46,7 @@ def test_every_column_is_listed() -> None:
             for column in re.findall(r"`(\w+)`", columns)
         }
         for name, table in zip(parts[::2], parts[1::2], strict=True)
+        if not name.startswith("table.as_problem(")
     }
     assert listed == expected
     assert all([*listed[name]] == [*columns] for name, columns in expected.items())

@@ -32,7 +32,8 @@ def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) 
     """The number in brackets is what conf/study.yaml has: the paper's four elites and twenty seeds, our 50 epochs."""
     with pytest.raises(SystemExit, match="0"):
         main(["study", "--help"])
-    told = dict(re.findall(r"^  (\S+) .*\(([\d.]+)\)$", capsys.readouterr().out, re.MULTILINE))
+    rows = re.sub(r"\n {10,}", " ", capsys.readouterr().out)
+    told = dict(re.findall(r"^  (\S+) .*\(([\d.]+)\)$", rows, re.MULTILINE))
     config = compose_study(["run=x"])
     margins = config.margins
     shipped = {

@@ -145,7 +145,7 @@ def test_changed_evaluation_is_a_named_divergence(tmp_path: Path) -> None:
         result = fakes.evaluate(source)
         return result if isinstance(result, Rejection) else replace(result, weights_sha256="2" * 64)
 
-    with refused(DivergenceError, place="generation 0, slot 0, weights", expected="1" * 64, got="2" * 64):
+    with refused(DivergenceError, place="g00s00 (generation 0, slot 0), weights", expected="1" * 64, got="2" * 64):
         run(fakes.plan(), path, evaluate=drifting)
 
 

@@ -126,7 +126,7 @@ def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "study")
     scores = path / "scores.jsonl"
     scores.write_text(scores.read_text().replace('"mse":1.1', '"mse":NaN'))
-    with refused(RunError, place="variant 1, seed 1, metrics.mse", expected="finite number"):
+    with refused(RunError, place="variant 1, seed 1 (g00s00), metrics.mse", expected="finite number"):
         load_study(path)
 
 

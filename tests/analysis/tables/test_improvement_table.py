@@ -26,7 +26,7 @@ def test_improvement_is_one_draw_until_it_is_re_estimated() -> None:
     """Then the re-estimate stands below it: 20 % by one draw is a third worse by the medians of three seeds."""
     alone, beside = improvement_table(searched()), improvement_table(searched(), [reestimates()])
     draw = (
-        "Every fitness, a validation loss, is one draw, the loss of one training seed, and the best is the lowest of "
+        "Every fitness, a validation loss, is one draw, the lowest loss of one seed, and the best is the lowest of "
         "many."
     )
     assert alone.notes == beside.notes == (f"{draw} {OTHER_SEEDS}",)

@@ -73,7 +73,7 @@ def test_missing_key_is_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is asked or made."""
     monkeypatch.delenv("ANTHROPIC_API_KEY")
     for missing in (lambda: connect(None, 1), lambda: connect_batches(None)):
-        with refused(ConfigError, place="ANTHROPIC_API_KEY", remedy="set it, or replay"):
+        with refused(ConfigError, place="ANTHROPIC_API_KEY", remedy="set it, replay"):
             missing()
 
 
@@ -86,5 +86,5 @@ def test_login_that_is_no_key_is_not_taken(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setenv("ANTHROPIC_ORGANIZATION_ID", "org_1")
     with anthropic.Anthropic() as client:
         assert client.credentials is not None
-    with refused(ConfigError, place="ANTHROPIC_API_KEY", remedy="set it, or replay"):
+    with refused(ConfigError, place="ANTHROPIC_API_KEY", remedy="set it, replay"):
         connect_batches(None)
