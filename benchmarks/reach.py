@@ -328,7 +328,8 @@ def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = ())
 def table(space: Space, ways: Mapping[str, Any]) -> str:
     """Lay out what each way hands over by each budget, and beside draws of as many epochs a training.
 
-    A way with fewer than two searches has no row, since its error is not known; so has one without such draws beside.
+    A way with fewer than two searches has no row, since its error is not known. Without such draws a way has no row in
+    the second table.
     """
     width, ways = norm.ppf(0.975), {name: found for name, found in ways.items() if len(found["searches"]) > 1}
     lines = [
