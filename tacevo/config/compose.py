@@ -349,7 +349,7 @@ def _defaults(schema: type) -> dict[str, Json]:
 
 def _check_settings(overrides: Sequence[str]) -> None:
     """Refuse what is not a setting of tacevo: what is added or removed, is Hydra's own, or lacks a value."""
-    for override, after in zip(overrides, [*overrides[1:], ""], strict=True):
+    for override, after in itertools.pairwise([*overrides, ""]):
         if override.startswith("parts="):
             expected = "parts.NAME.SETTING=VALUE, a setting of a part"
             raise ConfigError(override, place="parts", expected=expected)
