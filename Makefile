@@ -52,8 +52,8 @@ check-only: $(CHECK)/.ready ## build what replaying, tables, figures and pages n
 $(CHECK)/.ready: requirements-check.lock pyproject.toml
 	@echo "Making $(CHECK): 51 packages, 0.6 GB on the disk, half a minute of a core."
 	$(PYTHON) -m venv $(CHECK)
-	$(CHECK)/bin/pip --disable-pip-version-check install --no-deps --require-hashes --requirement requirements-check.lock
-	$(CHECK)/bin/pip --disable-pip-version-check install --no-deps --no-build-isolation --editable .
+	$(CHECK)/bin/python .ci/install.py --no-deps --require-hashes --requirement requirements-check.lock
+	$(CHECK)/bin/python .ci/install.py --no-deps --no-build-isolation --editable .
 	@touch $@
 
 demo: $(READY) ## run a small search, train its best networks again with other seeds, and print what was found
