@@ -56,6 +56,7 @@ LACKS = re.compile(r"_API_KEY|HEAD:6379|localhost:8000|/dev/nvidiactl")
 #: What a reader puts in place of a page's words.
 STANDS_FOR = {
     r"pairs sweeps/tells": "pairs cache/published/words-temperature.zip --reference temperature.start=0.1 -o tells",
+    r"pairs sweeps/parents": "pairs cache/published/operator-or-search.zip -o parents",
     r"\bRUN data.sensor=": "runs/tacverse data.sensor=",
     r"\bRUN data=csv": "sweeps/tiny/none-seed0 data=csv",
     r"\bruns/NAME data=tacverse": "runs/tacverse data=tacverse",
@@ -80,6 +81,7 @@ SMALLER = {
     "seeds=12": "seeds=2",
     "images=600": "images=60",
     "sweeps/mine": "sweeps/tiny",
+    "sweeps/tells": "cache/published/telling-losses.zip",
     'run.export("g12s05", "DIR", like="search")': 'tacevo.open("runs/demo").export("g04s01", "DIR")',
     "regret(run)": "regret(tacevo.open(next(Path('runs').glob('grating-*'))))",
     "table.size_and_power(sweep, seeds=10)": "",
