@@ -17,14 +17,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.stats import t as student
 from scipy.stats import wilcoxon
 
 import tacevo
+from analysis.statistics.effects import mean_with_interval
 from analysis.statistics.tests import holm
-
-#: Of each task, the loss of the tests.
-LOSSES = ("cross_entropy", "mse")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -50,20 +47,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"{control} against {name}: {_of(each)} of its ratio, {len(each)} seeds, p after Holm {p:.2g}")
 
 
-def chosen(scores: pd.DataFrame, loss: str) -> Iterator[float]:
-    """Yield, for each seed that chooses, the logarithm of the chosen network's test loss over the baseline's.
+def against_baseline(scores: pd.DataFrame) -> pd.DataFrame:
+    """Return the logarithm of each network's test loss over that of the baseline: a row a seed, a column a network.
 
-    Args:
-        scores: those of a study, a row a training, with the columns `network`, `seed`, `validation_loss` and the loss.
-            A failed training has no losses: by its seed the network is not chosen, and cannot be tested.
-        loss: the column of the test loss.
+    The scores are those of a study, a row a training. A failed training has no loss.
     """
-    validation = scores.pivot_table(index="network", columns="seed", values="validation_loss")
-    test = scores.pivot_table(index="network", columns="seed", values=loss)
-    for seed in validation.columns:
-        best = validation[seed].drop("baseline").idxmin()
-        others = test.columns != seed
-        yield float((np.log(test.loc[best, others]) - np.log(test.loc["baseline", others])).mean())
+    (loss,) = {"cross_entropy", "mse"} & {*scores.columns}
+    losses = np.log(scores.pivot_table(index="seed", columns="network", values=loss))
+    return losses.sub(losses.baseline, axis=0).drop(columns="baseline")
+
+
+def chosen(scores: pd.DataFrame) -> Iterator[float]:
+    """Yield, for each seed that chooses, what `against_baseline` says of the chosen network by the other seeds.
+
+    By the seed of a failed training its network is not chosen.
+    """
+    validation = scores.pivot_table(index="seed", columns="network", values="validation_loss").drop(columns="baseline")
+    test = against_baseline(scores)
+    for seed in validation.index:
+        yield float(test.loc[test.index != seed, validation.loc[seed].idxmin()].mean())
 
 
 def _arms(sweep: tacevo.Sweep) -> dict[str, dict[int, float]]:
@@ -73,16 +75,14 @@ def _arms(sweep: tacevo.Sweep) -> dict[str, dict[int, float]]:
         for study in sweep.run(str(job.Index)).studies:
             if study.is_noise or study.is_choice:
                 continue
-            (loss,) = (name for name in LOSSES if name in study.scores)
-            arms.setdefault(job.arm, {})[job.seed] = float(np.mean([*chosen(study.scores, loss)]))
+            arms.setdefault(job.arm, {})[job.seed] = float(np.mean([*chosen(study.scores)]))
     return arms
 
 
 def _of(logarithms: Sequence[float]) -> str:
     """Write a geometric mean with its 95 % interval."""
-    mean, error = float(np.mean(logarithms)), float(np.std(logarithms, ddof=1)) / math.sqrt(len(logarithms))
-    half = float(student.ppf(0.975, len(logarithms) - 1)) * error
-    return f"{math.exp(mean):.3f} [{math.exp(mean - half):.3f}, {math.exp(mean + half):.3f}]"
+    mean, low, high = map(math.exp, mean_with_interval(logarithms))
+    return f"{mean:.3f} [{low:.3f}, {high:.3f}]"
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.stats import binomtest
+from scipy.stats import t as student
 
 from analysis.statistics.samples import Sample, checked
 from analysis.table import Interval
@@ -26,6 +27,14 @@ LEVEL = 0.95
 #: P(x > y) + P(x = y) / 2, in [0, 1], at 0.5 there is no difference (Vargha & Delaney 2000); Cliff's delta (1993), that
 #: is twice A12 less one; and the median of x less that of y, in the unit of the values.
 EFFECTS = tuple(f"{name}{end}" for name in ("a12", "cliffs_delta", "difference") for end in ("", "_low", "_high"))
+
+
+def mean_with_interval(x: ArrayLike) -> tuple[float, float, float]:
+    """Return the mean of n >= 2 values, shape (n,), and the ends of Student's interval of 95 %, unrounded."""
+    values = np.asarray(x, dtype=np.float64)
+    mean, error = float(values.mean()), float(values.std(ddof=1)) / math.sqrt(len(values))
+    half = float(student.ppf((1 + LEVEL) / 2, len(values) - 1)) * error
+    return mean, mean - half, mean + half
 
 
 def median(x: ArrayLike) -> Interval:

@@ -24,10 +24,9 @@ from typing import Any, TypeVar
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from scipy.stats import t as student
 from scipy.stats import wilcoxon
 
-from analysis.statistics.effects import LEVEL
+from analysis.statistics.effects import mean_with_interval
 from analysis.statistics.tests import holm, sign_p
 from tacevo.errors import ConfigError, RunError, StoreError
 from tacevo.evolution.lines import CandidateLine
@@ -371,10 +370,9 @@ def _estimate(differences: ArrayLike) -> tuple[float, float, float, float] | Non
     values = np.asarray(differences, dtype=np.float64)
     if len(values) < LEAST:
         return None
-    mean, error = float(values.mean()), float(values.std(ddof=1)) / math.sqrt(len(values))
-    half = float(student.ppf((1 + LEVEL) / 2, len(values) - 1)) * error
+    mean, low, high = mean_with_interval(values)
     p = float(wilcoxon(values).pvalue) if values.any() else 1.0
-    return rounded(mean), rounded(mean - half), rounded(mean + half), rounded(p)
+    return rounded(mean), rounded(low), rounded(high), rounded(p)
 
 
 def _correct(rows: Mapping[str, dict[str, float]], names: Sequence[str]) -> None:

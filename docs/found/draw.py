@@ -6,6 +6,7 @@
 Nearly every figure is a ratio of losses with its interval, so that pictures can be compared: below 1 is better.
 """
 
+import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
@@ -17,10 +18,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
-from scipy.stats import t as student
 
 import tacevo
 from analysis.figures.style import BLACK, BLUE, GREY, VERMILLION, house_style, new_figure, render
+from analysis.statistics.effects import mean_with_interval
+from analysis.sweeps.pairs import LEAST
+from benchmarks.handed_over import against_baseline, chosen
 
 PUBLISHED = Path(__file__).parents[2] / "cache/published"
 
@@ -30,10 +33,6 @@ KEPT = Path(__file__).parents[2] / "tests/golden/bundles"
 
 #: Where the axis of ratios may have ticks.
 TICKS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)
-
-
-#: The least values of which an interval says that a ratio is not 1.
-LEAST = 6
 
 
 class Ratio(NamedTuple):
@@ -53,10 +52,9 @@ class Ratio(NamedTuple):
 
 def ratio(of: str, logarithms: Iterable[float]) -> Ratio:
     """Return the geometric mean of ratios with Student's interval of their logarithms."""
-    values = np.array([*logarithms])
-    half = float(student.ppf(0.975, len(values) - 1)) * values.std(ddof=1) / np.sqrt(len(values))
-    mean = float(values.mean())
-    return Ratio(of, float(np.exp(mean)), float(np.exp(mean - half)), float(np.exp(mean + half)), len(values))
+    values = [*logarithms]
+    mean, low, high = map(math.exp, mean_with_interval(values))
+    return Ratio(of, mean, low, high, len(values))
 
 
 def _factor(row: pd.Series) -> tuple[float, float, float, int]:
@@ -83,13 +81,6 @@ def run(name: str) -> "tacevo.Run":
     found = opened(name)
     assert isinstance(found, tacevo.Run)
     return found
-
-
-def against_baseline(study: "tacevo.Study") -> dict[str, list[float]]:
-    """Return by network, for each training seed, the logarithm of its test loss over that of the baseline."""
-    (loss,) = {"cross_entropy", "mse"} & {*study.scores.columns}
-    losses = np.log(study.scores.pivot_table(index="seed", columns="network", values=loss))
-    return {str(name): [*(losses[name] - losses.baseline)] for name in losses.columns if name != "baseline"}
 
 
 class Winner(NamedTuple):
@@ -136,18 +127,18 @@ def ends_rows() -> Iterator[Ratio]:
     for name, of in (("grating-claude", "Claude's"), ("grating-grammar", "grammar's")):
         for study in run(name).studies:
             if "epochs6" in study.name:
-                for network, logs in against_baseline(study).items():
+                for network, logs in against_baseline(study.scores).items():
                     yield ratio(f"6 epochs: {of} {network}", logs)
     (winning,) = run("grating-winners").studies
-    for network, logs in against_baseline(winning).items():
-        yield ratio(f"40 epochs: {network.replace('_', ' ')}", logs)
+    for network, logs in against_baseline(winning.scores).items():
+        yield ratio(f"40 epochs: {str(network).replace('_', ' ')}", logs)
     for arm in ("none", "drift"):
         yield ratio(f"70 epochs: mean of five, {arm}", [mean for mean, _ in _elites(arm).values()])
         yield ratio(f"70 epochs: one chosen by a training, {arm}", [one for _, one in _elites(arm).values()])
-    (chosen,) = run("grating-chosen-48").studies
+    (harder,) = run("grating-chosen-48").studies
     names = {"chosen": "the chosen elite", "by_hand": "two edits by hand"}
-    for network, logs in against_baseline(chosen).items():
-        yield ratio(f"harder task, 70 epochs: {names[network]}", logs)
+    for network, logs in against_baseline(harder.scores).items():
+        yield ratio(f"harder task, 70 epochs: {names[str(network)]}", logs)
 
 
 def _elites(arm: str) -> dict[int, tuple[float, float]]:
@@ -155,10 +146,8 @@ def _elites(arm: str) -> dict[int, tuple[float, float]]:
     elites, values = sweep("ablation-elites"), {}
     for job in elites.jobs[elites.jobs.arm == arm].itertuples():
         (study,) = (one for one in elites.run(str(job.Index)).studies if not one.is_noise)
-        validation = study.scores.pivot_table(index="network", columns="seed", values="validation_loss")
-        test = pd.DataFrame(against_baseline(study)).T
-        chosen = [test.loc[validation.drop("baseline")[seed].idxmin(), 1 - seed] for seed in (0, 1)]
-        values[int(job.seed)] = float(test.to_numpy().mean()), float(np.mean(chosen))
+        of_five = float(against_baseline(study.scores).to_numpy().mean())
+        values[int(job.seed)] = of_five, float(np.mean([*chosen(study.scores)]))
     return values
 
 
@@ -172,7 +161,7 @@ def paper_networks() -> Figure:
     rows = []
     for name, task in (("grating-variants", "gratings"), ("force-variants", "forces")):
         (study,) = run(name).studies
-        rows += [ratio(f"{task}: {network}", logs) for network, logs in against_baseline(study).items()]
+        rows += [ratio(f"{task}: {network}", logs) for network, logs in against_baseline(study.scores).items()]
     return forest(rows, "test loss, baseline = 1")
 
 
@@ -205,7 +194,7 @@ def by_hand() -> Figure:
         ("grating-chosen-48", "the same, new images"),
     ):
         (study,) = run(name).studies
-        rows += [ratio(of, logs) for network, logs in against_baseline(study).items() if network == "by_hand"]
+        rows += [ratio(of, logs) for network, logs in against_baseline(study.scores).items() if network == "by_hand"]
     return forest(rows, "test loss, baseline = 1")
 
 
@@ -253,17 +242,21 @@ def words() -> Figure:
     return figure
 
 
-def telling() -> Figure:
-    """Draw the loss of answers that were told losses, as a multiple of that of answers that were not."""
+def telling_rows() -> list[Ratio]:
+    """Return the loss of answers that were told losses as a multiple of that of answers that were not."""
     arms = sweep("telling-losses").pairs("prompts.tells=[]").arms
     names = {"[fitness]": "told the parent's loss", "[shuffled]": "told another network's"}
-    rows = [
+    return [
         Ratio(name, *_factor(one))
         for key, name in names.items()
         for arm, one in arms.iterrows()
         if str(arm).endswith(key)
     ]
-    return forest(rows, "loss of the answers, untold = 1")
+
+
+def telling() -> Figure:
+    """Draw what telling losses changes."""
+    return forest(telling_rows(), "loss of the answers, untold = 1")
 
 
 def summary_rows() -> Iterator[Ratio]:
@@ -284,10 +277,9 @@ def summary_rows() -> Iterator[Ratio]:
             yield one._replace(of=names[one.of])
     for name, task in (("grating-variants", "5. Paper's grating"), ("force-variants", "    paper's force")):
         (study,) = run(name).studies
-        yield ratio(f"{task} networks / baseline", np.mean([*against_baseline(study).values()], axis=0))
-    told = sweep("telling-losses").pairs("prompts.tells=[]").arms
-    (fitness,) = (row for arm, row in told.iterrows() if str(arm).endswith("[fitness]"))
-    yield Ratio("6. Answers told the losses / untold", *_factor(fitness))
+        yield ratio(f"{task} networks / baseline", against_baseline(study.scores).mean(axis=1))
+    told, _ = telling_rows()
+    yield told._replace(of="6. Answers told the losses / untold")
     *_, of_elites = operator_rows()
     yield of_elites._replace(of="7. Claude's children of elites / of first mutations")
 

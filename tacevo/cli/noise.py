@@ -27,17 +27,17 @@ def run_noise(words: Sequence[str]) -> int:
     with Progress() as view:
         studied = estimate_noise(config, view)
     introduce(studied, "noise run")
-    run = show_found(studied, config.store.root)
+    run, noise = show_found(studied, config.store.root), StudyDirectory(studied.directory)
     if run.answered and not run.shortfall and not run.config.data.facts.is_looked_up:
         usual = compose_study(["run=RUN"])
-        elites = min(len(StudyDirectory(studied.directory).read().networks) - 1, usual.elites)
+        elites = min(len(noise.read().networks) - 1, usual.elites)
         trainings = f"{counted((elites + 1) * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"
         command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=reestimated elites={elites}"
         tell(f"next:   {command}    # {trainings}")
-    if not run.shortfall and (found := _best(run, StudyDirectory(studied.directory))):
+    if not run.shortfall and (found := _best(run, noise)):
         tell(f"lowest: {found} is the baseline after these instructions: {'; '.join(changes(run, found))}")
     status = end(studied, "lower elites=")
-    if told := compared(run, StudyDirectory(studied.directory)):
+    if told := compared(run, noise):
         tell(told)
     return status
 

@@ -290,12 +290,21 @@ def estimates_of(run: Path, study: Design) -> dict[str, float]:
         study: the study, which names what chose by its digest.
 
     Raises:
+        RunError: as `chooser_of`.
+    """
+    return medians_of(chooser_of(run, study))
+
+
+def chooser_of(run: Path, study: Design) -> StudyDirectory:
+    """Find the noise run, or the choice, that the elites of a study were chosen by.
+
+    Raises:
         RunError: the run does not have that, or it was edited; or it is nothing that such a study is chosen by.
     """
     for directory in studies_of(run):
         if (record := directory.read()).digest == study.chosen_by:
             _check_choosing(record, study, str(directory.path))
-            return medians_of(directory)
+            return directory
     what, again = ("choice", "tacevo study") if study.validated else ("noise run", "tacevo noise")
     raise RunError(
         f"studies of the digests {listed(str(each.read().digest)[:12] for each in studies_of(run))}",

@@ -35,8 +35,10 @@ from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study_directory import (
     FinishedStudy,
     StudyDirectory,
+    chooser_of,
     estimates_of,
     find_study,
+    medians_of,
     misfits,
     studies_of,
 )
@@ -522,8 +524,8 @@ def _chosen(job: StudyJob) -> str:
         names = {noise.digest: noise.name for noise in noise_runs(job.run)}
         several = f", the largest of {len(names)}" if len(names) > 1 else ""
         return f"elites chosen by the noise run {names[header.chosen_by]}{several}"
-    choice = next(one for one in studies_of(job.run.directory.path) if one.read().digest == header.chosen_by)
-    losses, tried = estimates_of(job.run.directory.path, header), len(choice.read().networks) - 1
+    choice = chooser_of(job.run.directory.path, header)
+    losses, tried = medians_of(choice), len(choice.read().networks) - 1
     if len(header.networks) == 1:
         return f"no elite of {choice.path.name} was trained to the end, so the baseline is studied alone"
     chosen = header.networks[1].id

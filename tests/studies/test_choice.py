@@ -1,6 +1,5 @@
 """Promise: `choose=validated` hands over the elite of the lowest validation loss; the seed that chose never tests."""
 
-import json
 import shutil
 import subprocess
 import sys
@@ -14,7 +13,7 @@ from bundles import members_of
 from commands import publish
 from refusals import refused
 from rewritten import write_study
-from run_files import contents
+from run_files import contents, copy_that_stands_here
 from smallest import Once
 
 import tacevo
@@ -46,12 +45,8 @@ def chosen(published: Path, once: Once) -> Path:
     """Return a directory with a run, and the study of the elite that a choice handed over; no test may change it."""
 
     def fill(folder: Path) -> None:
-        for name in ("run", "cache"):
-            shutil.copytree(published / name, folder / name)
+        copy_that_stands_here(published, folder)
         shutil.rmtree(folder / "run" / "studies")
-        described = json.loads((folder / "run" / "run.json").read_text())
-        described["config"]["run"]["dir"], described["config"]["store"]["root"] = "run", "cache"
-        (folder / "run" / "run.json").write_text(json.dumps(described))
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(folder)
             assert main(CHOSEN) == 0

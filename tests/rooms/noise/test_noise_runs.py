@@ -1,6 +1,5 @@
 """Promise: a noise run gives fitnesses under other seeds, as the search would, and elites can be chosen by them."""
 
-import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +10,7 @@ from typing import Any
 import pytest
 from commands import publish
 from refusals import refused
+from run_files import copy_that_stands_here
 from smallest import Once
 
 from analysis.report.collection import collect, tables_of
@@ -42,11 +42,7 @@ def noisy(published: Path, once: Once) -> Path:
     """Return a directory with a run, its study and its noise run; no test may change it."""
 
     def fill(folder: Path) -> None:
-        for name in ("run", "cache"):
-            shutil.copytree(published / name, folder / name)
-        described = json.loads((folder / "run" / "run.json").read_text())
-        described["config"]["run"]["dir"], described["config"]["store"]["root"] = "run", "cache"
-        (folder / "run" / "run.json").write_text(json.dumps(described))
+        copy_that_stands_here(published, folder)
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(folder)
             assert main(NOISE) == 0
