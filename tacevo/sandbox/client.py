@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 import socket
 import subprocess
 import tempfile
@@ -297,8 +298,8 @@ class Zygote:
             said = _last_line(self._errors) or "nothing"
             raise _StartError(f"{describe(error)}; it wrote: {said}", expected="a zygote that starts") from error
         if problem is not None:
-            lacks_torch = "No module named 'torch'" in problem
-            remedy = "install torch: `make setup` in a clone (docs/installation.md)" if lacks_torch else ""
+            lacking = re.search(r"No module named '(\w+)", problem)
+            remedy = f"install {lacking[1]} (docs/installation.md)" if lacking else ""
             expected = "a zygote that imports its entries and maps its arrays"
             raise _StartError(problem, expected=expected, remedy=remedy)
         self._errors.close()
