@@ -97,8 +97,8 @@ def index_of(tables: Iterable[Table], runs: Iterable[str] = ()) -> str:
     known = list(tables)
     more = [table for table in known if table.kind not in PAPER]
     places = [f"- [{in_markdown(name)}]({quote(name, safe='')}/{INDEX}): all tables of this one" for name in runs]
-    parts = ["# Tables", "", *places]
-    parts += [*map(_line, for_paper(known)), *(["", "## More", ""] if more else []), *map(_line, more)]
+    first = [*places, *map(_line, for_paper(known))]
+    parts = ["# Tables", "", *first, *(["", "## More", ""] if first and more else []), *map(_line, more)]
     return "\n".join([*parts, "", "Each is there as .md, .tex and .csv; .csv is unrounded.", ""])
 
 

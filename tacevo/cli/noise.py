@@ -31,8 +31,9 @@ def run_noise(words: Sequence[str]) -> int:
     if run.answered and not run.shortfall and not run.config.data.facts.is_looked_up:
         usual = compose_study(["run=RUN"])
         elites = min(len(noise.read().networks) - 1, usual.elites)
-        trainings = f"{counted((elites + 1) * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"
-        command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=reestimated elites={elites}"
+        # One training of each elite chooses one of them; it and the baseline are trained with the seeds that test.
+        trainings = f"{counted(elites + 2 * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"
+        command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=validated elites={elites}"
         tell(f"next:   {command}    # {trainings}")
     if not run.shortfall and (found := _best(run, noise)):
         tell(f"lowest: {found} is the baseline after these instructions: {'; '.join(changes(run, found))}")

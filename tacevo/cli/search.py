@@ -121,7 +121,10 @@ def run_sweep(overrides: Sequence[str], into: str | None, asked: Asked) -> int:
 
 def _after(sweep: Path) -> str:
     """Return the command that a finished sweep is for: the tests of its networks, or else the comparison."""
-    terms = SweepDirectory(sweep).read().terms
+    record = SweepDirectory(sweep).read()
+    terms = record.terms
+    if "experiment=pairs" in record.overrides and is_there("tacevo.cli.pairs"):
+        return f"{as_typed('tacevo')} pairs {shlex.quote(str(sweep))}"
     if terms.primary is not None and terms.primary.is_tested and terms.retraining is None:
         return f"{as_typed('tacevo')} study {shlex.quote(as_override('sweep', str(sweep)))} seeds=5"
     return comparison(sweep)

@@ -54,7 +54,7 @@ def run_show(run: str, candidate: str | None, *, only_source: bool) -> int:
 
 
 def show_sweep(directory: SweepDirectory) -> str:
-    """List every job of a sweep: finished, running, failed and why, stopped, not begun; then its terms.
+    """List every job of a sweep: finished, running, failed and why, stopped, not begun; its terms; its makers' note.
 
     Raises:
         RunError: sweep.json is damaged.
@@ -62,8 +62,8 @@ def show_sweep(directory: SweepDirectory) -> str:
     record = directory.read()
     jobs = describe_jobs([status_of(directory, job) for job in record.jobs])
     over = f" over {shlex.join(record.overrides)}" if record.overrides else ""  # a published sweep has none
-    text = f"sweep{over}: {jobs}\n"
-    return text if record.terms == UNSTATED else f"{text}\n{describe_terms(record.terms)}\n"
+    terms = [] if record.terms == UNSTATED else [f"{describe_terms(record.terms)}\n"]
+    return "\n".join([f"sweep{over}: {jobs}\n", *terms, *_note(directory.path)])
 
 
 #: Stands above a source whose hash is not the ledger's.
@@ -93,9 +93,14 @@ def show_run(path: Path, store: Path | None = None) -> str:
     if unknown := sorted({elite.id for elite in known.elites} - trained):
         expected = "trained candidates of the ledger"
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
-    paragraphs = read_note(path)
-    note = "\n\n".join([HEADING, *(_quoted(words) for words in paragraphs), ""]) if paragraphs else ""
+    note = "".join(f"{one}\n" for one in _note(path))
     return f"{_on_screen(summarise(known))}\n{_studied(known) if finished else ''}{note}{state}\n"
+
+
+def _note(path: Path) -> list[str]:
+    """Write the note of a run's or a sweep's makers; nothing where there is none."""
+    paragraphs = read_note(path)
+    return ["\n\n".join([HEADING, *map(_quoted, paragraphs)]) + "\n"] if paragraphs else []
 
 
 def _on_screen(summary: str) -> str:

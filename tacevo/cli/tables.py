@@ -131,19 +131,51 @@ def status_of(one: Run | Sweep) -> int:
 
 
 def print_table(table: Table, console: Console) -> None:
-    """Print one table with its notes: as wide as a terminal, else as it is."""
-    if not console.is_terminal:
+    """Print one table with its notes: laid out for a terminal, else as it is.
+
+    Headings and texts are broken between words; a number is not. Where a terminal is too narrow, an interval goes below
+    its number. Where it still is, the table is printed as it is: a column that does not fit is never left out.
+    """
+    grid = _laid_out(table, console.width) if console.is_terminal else None
+    if grid is None:
         tell(as_text(table))
         return
-    grid = Grid(title=Text(printable(table.caption)), title_justify="left", box=None, pad_edge=False)
-    cells = [[printable(shown(cell)) for cell in row] for row in table.rows]
-    for place, (column, is_number) in enumerate(zip(table.columns, numeric_columns(table), strict=True)):
-        words = [*(row[place] for row in cells), *column.split()]  # a heading and a text may be broken, a number not
-        width = max(map(len, words)) if is_number else None
-        grid.add_column(Text(printable(column)), justify="right" if is_number else "left", width=width)
-    for row in cells:
-        grid.add_row(*map(Text, row))
     console.print(grid, "", *(Text(printable(note)) for note in table.notes), "", sep="\n")
+
+
+#: Characters between two columns.
+_GAP = 2
+
+
+def _laid_out(table: Table, width: int) -> Grid | None:
+    """Return a table that needs no more than so many characters a line; None if it needs more."""
+    numeric = numeric_columns(table)
+    for interval in (" [", "\n["):
+        rows = [
+            [cell.replace(" [", interval) if is_number else cell for cell, is_number in zip(row, numeric, strict=True)]
+            for row in ([printable(shown(cell)) for cell in row] for row in table.rows)
+        ]
+        columns = list(zip(table.columns, *rows, strict=True))
+        least = [_least(*texts, is_number=is_number) for texts, is_number in zip(columns, numeric, strict=True)]
+        spare = width - sum(least) - _GAP * (len(least) - 1)
+        if spare < 0:
+            continue
+        grid = Grid(title=Text(printable(table.caption)), title_justify="left", box=None, pad_edge=False)
+        for (heading, *cells), needed, is_number in zip(columns, least, numeric, strict=True):
+            whole = max(len(line) for text in (heading, *cells) for line in text.split("\n"))
+            more = min(spare, whole - needed)
+            spare -= more
+            grid.add_column(Text(printable(heading)), justify="right" if is_number else "left", width=needed + more)
+        for row in rows:
+            grid.add_row(*map(Text, row))
+        return grid
+    return None
+
+
+def _least(heading: str, *cells: str, is_number: bool) -> int:
+    """Return how narrow a column can be: its longest word, or the longest line of its numbers."""
+    pieces = [piece for cell in cells for piece in (cell.split("\n") if is_number else cell.split())]
+    return max(map(len, [*pieces, *heading.split()]), default=0)
 
 
 def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:

@@ -137,11 +137,16 @@ def check_asked(config: RunConfig, model: str, known: Capabilities) -> None:
     kind = BUDGETED if isinstance(llm.thinking, int) or llm.thinking_tokens else llm.thinking
     kinds = None if known.thinkings is None else [_THINKING.get(each, each) for each in known.thinkings]
     key = "llm.thinking" if llm.thinking is not None else "llm.thinking_tokens"
-    asked = (("llm.effort", llm.effort, known.efforts), (key, kind and _THINKING.get(kind, kind), kinds))
-    for place, value, taken in asked:
+    tokens = llm.thinking if isinstance(llm.thinking, int) else llm.thinking_tokens
+    told = f"{tokens} tokens" if kind == BUDGETED else kind
+    asked = (
+        ("llm.effort", llm.effort, llm.effort, known.efforts),
+        (key, kind and _THINKING.get(kind, kind), told, kinds),
+    )
+    for place, value, got, taken in asked:
         if value is not None and taken is not None and value not in taken:
             raise ConfigError(
-                f"{value}, which {model} does not take",
+                f"{got}, which {model} does not take",
                 place=place,
                 expected=f"{listed(taken)}, or null" if taken else "null",
                 remedy="change the setting, or choose another llm.model",

@@ -166,6 +166,8 @@ def _record(
     header = run_header(config, task, facts, plan, CURRENT)
     decisive: list[Json] = [written(header), *length(config).values()]
     directory = RunDirectory(_run_path(config, decisive))
+    if not directory.path.exists():
+        recalled_without(config, directory.path)  # what is refused leaves no directory
     with directory.locked(), _opened(directory, begun) as ledger, telling(lambda: _has_candidates(ledger)):
         if not ledger.recorded and (unsent := recalled_without(config, directory.path)):
             went.is_without = True

@@ -129,6 +129,14 @@ def test_published_sweep_is_shown_as_its_directory(swept: Path, capsys: pytest.C
     assert len(shown[0]) == len(OWN)
 
 
+def test_note_of_a_sweep_is_shown(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What its makers tell its readers stands below its jobs, as it does below a run."""
+    shutil.copytree(swept / "sweep", tmp_path / "sweep")
+    (tmp_path / "sweep" / "NOTE.md").write_text("Two jobs ran twice.\n")
+    assert main(["show", str(tmp_path / "sweep")]) == 0
+    assert "> Two jobs ran twice." in capsys.readouterr().out.splitlines()
+
+
 @pytest.mark.room("page")
 def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Commands that take a run take it by its name, and say the same as of its directory."""

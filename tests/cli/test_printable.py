@@ -104,6 +104,17 @@ def test_narrow_terminal_breaks_no_number() -> None:
     assert max(map(len, file.getvalue().splitlines())) <= 50
 
 
+@pytest.mark.parametrize("width", [60, 30, 12])
+def test_narrow_terminal_leaves_no_column_out(width: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """An interval goes below its number, and where not even that fits, the table is not laid out."""
+    file, cells = io.StringIO(), ("no_prompt_archive", Interval(0.369, 0.342, 0.432), Interval(0.5, 0.388, 0.649))
+    table = Table(name="x", caption="", columns=("arm", "median", "difference"), rows=(cells,))
+    print_table(table, Console(file=file, force_terminal=True, color_system=None, width=width))
+    told = file.getvalue() + capsys.readouterr().out
+    for words in ("no_prompt_archive", "0.369", "[0.342, 0.432]", "0.500", "[0.388, 0.649]", "arm", "median"):
+        assert words in told
+
+
 def test_table_in_a_log_is_plain_text(capsys: pytest.CaptureFixture[str]) -> None:
     """No marks of Markdown, and no text that begins a line of its own."""
     table = Table(

@@ -110,7 +110,7 @@ def test_new_search_does_not_recall_answers_without_their_temperature(
     gone = "llm.base_url=http://127.0.0.1:9"
     assert main(["search", *TINY, gone, "run.dir=other"]) == 2
     assert "temperature.carrier=parameter: expected a model that takes a temperature" in capsys.readouterr().err
-    assert not (place / "other" / "run.json").exists()
+    assert not (place / "other").exists()
     assert main(["search", *TINY, gone, "run.dir=again", "llm.mode=replay"]) == 0
     assert capsys.readouterr().err.count("warning: no temperature is sent") == 1
     assert main(["search", *TINY, gone]) == 0  # it was begun so, and has nothing to do

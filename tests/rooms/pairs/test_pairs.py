@@ -147,6 +147,7 @@ def test_command_writes_its_tables(sweep: Path, tmp_path: Path) -> None:
     assert main(["pairs", str(sweep), "--output", str(tmp_path / "out")]) == 0
     written = {path.name for path in (tmp_path / "out").rglob("*.csv")}
     assert written == {"pairs.csv", "pairs_diversity.csv"}
+    assert "# Tables\n\n- [pairs]" in (tmp_path / "out" / "index.md").read_text()
 
 
 def test_arms_that_ask_nothing_alike_are_refused(tmp_path: Path) -> None:
