@@ -151,9 +151,12 @@ $(PEERS)/.ready $(TABLE_PEERS)/.ready: $(DEV)
 	$(BIN)/pip --python $(@D)/bin/python install --quiet --disable-pip-version-check --requirement $(filter %.txt,$^)
 	@touch $@
 
+# The smaller environment is enough to read what is published, where it alone is there.
+READS := $(if $(wildcard $(READY)),$(VENV),$(if $(wildcard $(CHECK)/.ready),$(CHECK),$(VENV)))
+
 # Each line bears the name of its run, since two at a time print.
-replay: $(READY) ## replay the published runs that come with the project, two at a time, and compare everything
-	@ls cache/published/*.zip cache/tables/*.zip | xargs -P 2 -I % bash -o pipefail -c '$(BIN)/tacevo replay % 2>&1 | sed -u "s|^|$$(basename % .zip): |"'
+replay: $(READS)/.ready ## replay the published runs that come with the project, two at a time, and compare everything
+	@ls cache/published/*.zip cache/tables/*.zip | xargs -P 2 -I % bash -o pipefail -c '$(READS)/bin/tacevo replay % 2>&1 | sed -u "s|^|$$(basename % .zip): |"'
 
 # Published runs and sweeps, or directories of yours: make paper RUNS="DIR DIR" SWEEPS="DIR"
 ifndef RUNS
@@ -163,13 +166,13 @@ VARIANTS := cache/published/grating-variants.zip cache/published/grating-by-hand
 SWEEPS := cache/published/ablation-proposals.zip cache/published/ablation-elites.zip
 endif
 
-paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR" SWEEPS="DIR", into build/paper
-	$(BIN)/tacevo report --latex $(RUNS) --output build/paper
-	$(if $(WINNERS),$(BIN)/tacevo report --latex $(WINNERS) --output build/paper/winners)
-	$(if $(VARIANTS),$(BIN)/tacevo report --latex $(VARIANTS) --output build/paper/variants)
+paper: $(READS)/.ready ## every table and figure of the published runs, or of RUNS="DIR DIR" SWEEPS="DIR", into build/paper
+	$(READS)/bin/tacevo report --latex $(RUNS) --output build/paper
+	$(if $(WINNERS),$(READS)/bin/tacevo report --latex $(WINNERS) --output build/paper/winners)
+	$(if $(VARIANTS),$(READS)/bin/tacevo report --latex $(VARIANTS) --output build/paper/variants)
 	@for sweep in $(SWEEPS); do \
-		$(BIN)/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done
-	$(if $(WINNERS),$(BIN)/python docs/found/draw.py build/paper/found)
+		$(READS)/bin/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done
+	$(if $(WINNERS),$(READS)/bin/python docs/found/draw.py build/paper/found)
 
 docs: $(DOCS)/.ready ## build the site into build/docs/site: every page, the references and the notebooks (three minutes)
 	$(BIN)/python docs/site/pages.py $(DOCS)/pages

@@ -68,9 +68,14 @@ def versions(*more: str) -> dict[str, str]:
 
 
 def deviations(recorded: Mapping[str, Json], here: Mapping[str, Json]) -> tuple[str, ...]:
-    """Describe the facts of a run's environment that differ here, one line each."""
+    """Describe the facts of a run's environment that differ here, one line each.
+
+    A package that is absent is none of them: it computed nothing, and what needs it says so.
+    """
     return tuple(
-        f"{name} is {here.get(name)}; the run had {was}" for name, was in recorded.items() if here.get(name) != was
+        f"{name} is {here.get(name)}; the run had {was}"
+        for name, was in recorded.items()
+        if here.get(name) not in (was, "absent")
     )
 
 

@@ -53,7 +53,7 @@ class Verified:
     tables: int = 0
     #: Files of tables that cannot be made here, because a part is not installed: their checksums were right.
     unmade: int = 0
-    #: Files of tables of an older form (`tacevo.rules.PAGES`): their checksums were right.
+    #: Files of tables that another release wrote (`tacevo.rules.PAGES`): their checksums were right.
     older: int = 0
     #: Files of figures: their checksums were right.
     figures: int = 0

@@ -86,7 +86,7 @@ def _verdict(done: Verified) -> str:
         equal.append("1 study" if studies == 1 else f"{studies} studies")
     equal += [f"{counted(done.tables, 'file')} of tables"] if done.tables else []
     older = done.older + sum(run.pages != PAGES for run in done.runs)
-    left = [f"{counted(older, 'file')} of an older form"] if older else []
+    left = [f"{counted(older, 'file')} that another release wrote"] if older else []
     left += [f"{counted(done.unmade, 'file')} of a part that is not installed"] if done.unmade else []
     left += [counted(done.figures, "figure")] if done.figures else []
     why = "" if done.entries is None else " (their checksums hold)"

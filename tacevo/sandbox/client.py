@@ -298,10 +298,11 @@ class Zygote:
             said = _last_line(self._errors) or "nothing"
             raise _StartError(f"{describe(error)}; it wrote: {said}", expected="a zygote that starts") from error
         if problem is not None:
-            lacking = re.search(r"No module named '(\w+)", problem)
-            remedy = f"install {lacking[1]} (docs/installation.md)" if lacking else ""
-            expected = "a zygote that imports its entries and maps its arrays"
-            raise _StartError(problem, expected=expected, remedy=remedy)
+            if lacking := re.search(r"No module named '(\w+)", problem):
+                expected = f"{lacking[1]}, which the processes of the sandbox import"
+                remedy = f"install {lacking[1]} (docs/installation.md): an environment of make check-only trains nothing"
+                raise _StartError("an environment without it", expected=expected, remedy=remedy)
+            raise _StartError(problem, expected="a zygote that imports its entries and maps its arrays")
         self._errors.close()
         self._has_started = True
 

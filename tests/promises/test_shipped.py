@@ -75,6 +75,13 @@ def test_page_has_the_digest_of_each_file(bundle: Path) -> None:
     assert f"`{digests()[bundle.name]}`" in members_of(bundle)["README.md"].decode()
 
 
+def test_page_has_the_bundle_digest_of_each_file() -> None:
+    """Nothing else speaks for a figure, a text or a table of an older release, which whoever edits it can seal again."""
+    page = (PUBLISHED / "README.md").read_text()
+    said = {name: digest for digest, name in re.findall(r"^([0-9a-f]{64})  ([\w.-]+\.zip)$", page, flags=re.MULTILINE)}
+    assert said == {path.name: opened(path).digest for path in SHIPPED}
+
+
 @named
 def test_published_run_says_what_answered(bundle: Path) -> None:
     """Nobody takes the grammar's answers for those of an LLM, nor answers that were handed over for those of an API."""
