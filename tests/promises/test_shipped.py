@@ -76,10 +76,10 @@ def test_page_has_the_digest_of_each_file(bundle: Path) -> None:
 
 
 def test_page_has_the_bundle_digest_of_each_file() -> None:
-    """Nothing else speaks for a figure, a text or a table of an older release, which whoever edits it can seal again."""
+    """Nothing else speaks for a figure, a text or a table of an older release: who edits one can seal it again."""
     page = (PUBLISHED / "README.md").read_text()
-    said = {name: digest for digest, name in re.findall(r"^([0-9a-f]{64})  ([\w.-]+\.zip)$", page, flags=re.MULTILINE)}
-    assert said == {path.name: opened(path).digest for path in SHIPPED}
+    said = re.findall(r"^\| `([\w.-]+\.zip)` \| `([0-9a-f]{64})` \|$", page, flags=re.MULTILINE)
+    assert dict(said) == {path.name: opened(path).digest for path in SHIPPED}
 
 
 @named
