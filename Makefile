@@ -18,7 +18,7 @@ test test-core test-parts test-slow test-all test-cluster test-cluster-all cover
 test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper docs lock clean
+.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper pictures docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -173,6 +173,12 @@ paper: $(READS)/.ready ## every table and figure of the published runs, or of RU
 	@for sweep in $(SWEEPS); do \
 		$(READS)/bin/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done
 	$(if $(WINNERS),$(READS)/bin/python docs/found/draw.py build/paper/found)
+
+pictures: $(READS)/.ready ## draw every picture of README and of the pages anew, which tests compare
+	$(READS)/bin/python docs/site/loop.py docs/figures/loop.svg
+	$(READS)/bin/python docs/site/diagrams.py docs/figures
+	$(READS)/bin/python docs/site/pictures.py docs/figures
+	$(READS)/bin/python docs/found/draw.py docs/found
 
 docs: $(DOCS)/.ready ## build the site into build/docs/site: every page, the references and the notebooks (three minutes)
 	$(BIN)/python docs/site/pages.py $(DOCS)/pages

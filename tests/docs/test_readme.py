@@ -2,7 +2,6 @@
 
 import io
 import re
-import runpy
 import shlex
 import zipfile
 from fnmatch import fnmatch
@@ -12,7 +11,6 @@ from checkout import GOLDEN, PUBLISHED, ROOT
 from rich.console import Console
 
 import tacevo
-from analysis.figures.style import render
 from analysis.report.collection import outcomes, read_studies
 from analysis.tables.rendering import as_text
 from tacevo.bundles.open import opened
@@ -53,14 +51,6 @@ def test_readme_shows_rows_of_published_tables(first: str, bundle: str, table: s
         name, *values = (cell.strip().removesuffix(" %") for cell in row.strip("|").split("|"))
         published = row_of(bundle, table, name).replace("\\", "").replace(" %", "")
         assert [value for value in values if value.replace(" %", "") not in published] == []
-
-
-@pytest.mark.parametrize("name", ["speed", "luck", "loop", "checked"])
-def test_picture_is_what_its_script_draws(name: str) -> None:
-    """Of what was measured or recorded: the bars of the benchmarks, the trainings of the demo."""
-    drawn = runpy.run_path(str(ROOT / "docs/site" / f"{name}.py"))[name]()
-    assert render(drawn, ".svg") == (ROOT / "docs/figures" / f"{name}.svg").read_bytes()
-    assert f"](docs/figures/{name}.svg)" in README
 
 
 def section_of(title: str) -> str:
