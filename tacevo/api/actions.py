@@ -18,6 +18,7 @@ from tacevo.api.sweeps import Sweep
 from tacevo.bundles.open import opened
 from tacevo.bundles.publish import publish as publish_bundle
 from tacevo.bundles.readme import Terms
+from tacevo.bundles.signing import sign_bundle
 from tacevo.config.compose import compose, compose_noise, compose_study
 from tacevo.config.conf_folder import check_experiment
 from tacevo.config.given import compose_given
@@ -26,6 +27,7 @@ from tacevo.errors import ConfigError, RunError
 from tacevo.parts.registry import needing_parts
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import search as run_search
+from tacevo.storage.signatures import checked_key
 from tacevo.studies.given_run import record_given
 from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.study import Studied
@@ -157,6 +159,7 @@ def publish(
     authors: str | Sequence[str] = (),
     licence: str = "CC-BY-4.0",
     date: str = "",
+    sign: str | os.PathLike[str] | None = None,
     quiet: bool = False,
 ) -> str:
     """Replay a finished run or a sweep with its studies, and write all that belongs to it into one file.
@@ -167,6 +170,7 @@ def publish(
         authors: of the publication, one as a text; none is `anonymous`.
         licence: of what is published, an SPDX identifier.
         date: of publication, YYYY-MM-DD; the day on which the run ended if empty.
+        sign: the file of an SSH key, with which the bundle digest is signed into a file beside the bundle.
         quiet: whether to show no progress on standard error.
 
     Returns:
@@ -175,7 +179,9 @@ def publish(
     Raises:
         DivergenceError: the run is not what its stores give.
         RunError: it is not finished.
+        ConfigError: there is no such key, or it cannot sign.
     """
+    key = None if sign is None else checked_key(Path(sign))
     terms = Terms(licence=licence, authors=(authors,) if isinstance(authors, str) else tuple(authors), published=date)
     with progress(quiet) as view:
         done = publish_bundle(
@@ -187,6 +193,7 @@ def publish(
             studies=(),
             store=None,
         )
+    sign_bundle(Path(target), done.digest, key)
     return done.digest
 
 

@@ -25,7 +25,7 @@ from tacevo.results.study import RecordedStudy, load_study
 from tacevo.results.study_directory import studies_of
 from tacevo.results.sweep import load_sweep
 from tacevo.storage.files import write_durably
-from tacevo.storage.plan_file import SeedPlan, plan_text
+from tacevo.storage.plan_file import SeedPlan, plan_text, signed_plan
 from tacevo.storage.sweep_directory import SweepDirectory
 
 #: The types that a pilot can be read from.
@@ -40,6 +40,7 @@ def plan(
     power: float = 0.8,
     alpha: float = 0.05,
     output: str | os.PathLike[str] | None = None,
+    sign: str | os.PathLike[str] | None = None,
 ) -> Table:
     """Compute how many seeds are needed to detect an effect after Holm's correction, and the cost, in all ways.
 
@@ -52,6 +53,7 @@ def plan(
         alpha: level of the tests, in (0, 1).
         output: the directory to write plan.json into, for `plan=` of a study and `--plan` of a sweep; nothing is
             written where no number of seeds that is tried suffices.
+        sign: the file of an SSH key, with which plan.json is signed.
 
     Returns:
         A row a way; `plan` says `chosen` of the cheapest, unless no number of seeds that is tried suffices.
@@ -69,7 +71,7 @@ def plan(
         raise ConfigError(str(comparisons), place="comparisons", expected="an integer of at least 1")
     planned = planned_from(kind, pilots, effect=effect, comparisons=comparisons, power=power, alpha=alpha)
     if output is not None and planned.plan is not None:
-        write_plan(planned.plan, Path(output))
+        write_plan(planned.plan, Path(output), None if sign is None else Path(sign))
     return Table(plan_table(planned))
 
 
@@ -90,10 +92,16 @@ def planned_from(
     return weigh(pilot, Wish(effect=effect, alpha=alpha, power=power, comparisons=comparisons or pilot.comparisons))
 
 
-def write_plan(plan: SeedPlan, directory: Path) -> SeedPlan:
-    """Write plan.json into a directory; return the plan with its day."""
-    directory.mkdir(parents=True, exist_ok=True)
+def write_plan(plan: SeedPlan, directory: Path, key: Path | None = None) -> SeedPlan:
+    """Write plan.json into a directory; return the plan with its day, signed by the key of a file if there is one.
+
+    Raises:
+        ConfigError: as `tacevo.storage.signatures.sign`.
+    """
     made = replace(plan, made=datetime.now(UTC).date().isoformat())
+    if key is not None:
+        made = signed_plan(made, key)
+    directory.mkdir(parents=True, exist_ok=True)
     write_durably(directory / "plan.json", plan_text(made))
     return made
 

@@ -334,6 +334,7 @@ def plan_study(
     power: Share = 0.8,
     alpha: Share = 0.05,
     output: Dir = "build/plan",
+    sign: Annotated[File | None, Takes("KEY")] = None,
 ) -> int:
     """Plan the training seeds of each network.
 
@@ -348,11 +349,12 @@ def plan_study(
         power: wished chance of finding it (0.8)
         alpha: level of the tests, after Holm (0.05)
         output: directory to write to (default: build/plan)
+        sign: sign the plan with this SSH key, before anything of it is trained
     """
     _reading(*runs)
     from tacevo.cli.plan import run_plan
 
-    return run_plan("study", runs, output, effect=effect, comparisons=comparisons, power=power, alpha=alpha)
+    return run_plan("study", runs, output, sign, effect=effect, comparisons=comparisons, power=power, alpha=alpha)
 
 
 @command()
@@ -363,6 +365,7 @@ def plan_sweep(
     power: Share = 0.8,
     alpha: Share = 0.05,
     output: Dir = "build/plan",
+    sign: Annotated[File | None, Takes("KEY")] = None,
 ) -> int:
     """Plan the jobs of each arm.
 
@@ -377,11 +380,12 @@ def plan_sweep(
         power: wished chance of finding it (0.8)
         alpha: level of the tests, after Holm (0.05)
         output: directory to write to (default: build/plan)
+        sign: sign the plan with this SSH key, before anything of it is trained
     """
     _reading(*runs)
     from tacevo.cli.plan import run_plan
 
-    return run_plan("sweep", runs, output, effect=effect, comparisons=comparisons, power=power, alpha=alpha)
+    return run_plan("sweep", runs, output, sign, effect=effect, comparisons=comparisons, power=power, alpha=alpha)
 
 
 _PLAN = """\
@@ -408,6 +412,7 @@ def replay(
     trust_parts: bool = False,
     draw: Annotated[int, Takes("SEED", whole_number)] | None = None,
     table: File | None = None,
+    allowed_signers: File | None = None,
     diff: Annotated[str, Takes("OTHER", bare="OTHER"), HIDDEN] | None = None,
 ) -> int:
     """Run a recorded search again from its stores and compare.
@@ -435,6 +440,7 @@ def replay(
         draw: draw the N as an earlier replay did, which told its seed
         table: with --retrain of searches that looked evaluations up: the table (default: that of their digest, where it
             was, beside RUN, or in cache/tables)
+        allowed_signers: names and public keys of those who may have signed the file, and fail if none of them did
         diff: for one release it says what took its place
     """
     if draw is not None and not retrain:
@@ -446,7 +452,9 @@ def replay(
     _reading(run)
     from tacevo.cli.reproduce import run_replay
 
-    return run_replay(run, store=store, others=retrain, trusts=trust_parts, draw=draw, table=table)
+    return run_replay(
+        run, store=store, others=retrain, trusts=trust_parts, draw=draw, table=table, allowed=allowed_signers
+    )
 
 
 def _instead_of_diff(run: Path, other: Path) -> str:
@@ -507,6 +515,7 @@ def publish(
     licence: Annotated[str, Takes("SPDX")] = "CC-BY-4.0",
     author: Annotated[Sequence[str], Takes("NAME"), REPEATED] = (),
     date: Annotated[str, Takes("YYYY-MM-DD")] = "",
+    sign: Annotated[File | None, Takes("KEY")] = None,
 ) -> int:
     """Write one file with which anybody can replay a run or a sweep.
 
@@ -516,6 +525,7 @@ def publish(
     Examples:
       tacevo publish runs/NAME -o NAME.zip --author 'Ada Lovelace'
       tacevo publish sweeps/NAME -o NAME.zip --license CC0-1.0
+      tacevo publish runs/NAME -o NAME.zip --sign ~/.ssh/id_ed25519
 
     Args:
         run: the directory of a run or of a sweep
@@ -525,11 +535,12 @@ def publish(
         licence: of what is published (default: CC-BY-4.0)
         author: may be given several times
         date: of publication (default: the end of the run)
+        sign: sign the bundle digest with this SSH key, into a file beside the bundle; the key itself stays where it is
     """
     _reading(run)
     from tacevo.cli.publish import run_publish
 
-    return run_publish(run, studies, output, store=store, licence=licence, authors=author, date=date)
+    return run_publish(run, studies, output, store=store, licence=licence, authors=author, date=date, key=sign)
 
 
 @command()

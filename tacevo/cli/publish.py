@@ -8,8 +8,10 @@ from pathlib import Path
 from tacevo.api.pages import pages
 from tacevo.bundles.publish import publish
 from tacevo.bundles.readme import Terms
+from tacevo.bundles.signing import sign_bundle, signature_of
 from tacevo.cli.common import DONE, tell
 from tacevo.runs.progress import Progress
+from tacevo.storage.signatures import checked_key
 from tacevo.text import counted, listed
 
 
@@ -32,8 +34,10 @@ def run_publish(
     licence: str,
     authors: Sequence[str],
     date: str,
+    key: str | None,
 ) -> int:
     """Publish a run or a sweep as a file."""
+    signing_key = None if key is None else checked_key(Path(key))
     terms = Terms(licence=licence, authors=tuple(authors) or _asked(), published=date)
     with Progress() as view:
         done = publish(
@@ -45,11 +49,14 @@ def run_publish(
             studies=tuple(map(Path, studies)),
             store=None if store is None else Path(store),
         )
+    sign_bundle(Path(output), done.digest, signing_key)
     tell(f"published: {output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
     tell(f"licence: {terms.licence}")
     tell(f"author: {listed(terms.authors, 'anonymous (--author NAME says who)')}")
     if done.test_labels:
         tell(f"the labels of {counted(done.test_labels, 'test image')} are in it")
+    if signing_key is not None:
+        tell(f"signature: {signature_of(Path(output))}, of the bundle digest; it lies beside the bundle")
     tell(f"bundle digest: {done.digest} (of all its files; the one to cite, of the {done.subject.what}, stands last)")
     tell(f"digest: {done.subject.digest}")
     return DONE

@@ -7,18 +7,21 @@ from pathlib import Path
 
 from tacevo.api.replaying import digest_of, extended, replay
 from tacevo.bundles.open import Opened, check_walls, opened
+from tacevo.bundles.signing import describe_signature
 from tacevo.bundles.verify import Rerun, Verified
 from tacevo.cli.common import DONE, existing_store, tell
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
-from tacevo.errors import ConfigError, DataError
+from tacevo.errors import BundleError, ConfigError, DataError
 from tacevo.reproduce.retrain import retrain
 from tacevo.results.looked_up import with_table
 from tacevo.results.settings import found_data, settings_of
 from tacevo.results.table_header import is_table
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
+from tacevo.storage.plan_file import describe_plan
 from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import counted, listed
 
 #: How many draws there are: more than an author can prepare for, and few digits to type again.
@@ -26,23 +29,34 @@ _DRAWS = 10**9
 
 
 def run_replay(
-    run: str, *, store: str | None, others: int | None, trusts: bool, draw: int | None, table: str | None
+    run: str,
+    *,
+    store: str | None,
+    others: int | None,
+    trusts: bool,
+    draw: int | None,
+    table: str | None,
+    allowed: str | None,
 ) -> int:
     """Replay a run, a sweep, or the table of a space, and train again.
 
     `others` is the number of networks that are drawn and trained again, 0 for all of them, None for no training.
     """
-    path = Path(run)
+    path, signers = Path(run), None if allowed is None else Path(allowed)
+    if signers is not None and (is_table(path) or not path.is_file()):
+        raise ConfigError(run, place="--allowed-signers", expected="a file that `tacevo publish --sign` wrote")
     if is_table(path):
         return _replay_table(path, store, others, draw, table)
     with Progress() as view:
         place = opened(path)
+        # Before the replay: who asks for signers need not wait for it.
+        signed = [describe_signature(path, place.digest, signers)] if place.digest and path.is_file() else []
         if others is not None:
             check_walls(place)
             configs = _with_data_here(path, place, table)
         # The --store of a published run is for the images of --retrain, and need not exist yet.
         done = replay(place, None if place.digest else existing_store(store), view, trusts=trusts)
-        told = _told(place, done)
+        told = [*_told(place, done), *_plans(place, done, signers), *signed]
         if others is not None:
             again = [_with_data(*pair) for pair in zip(done.runs, configs, strict=True)]
             told.append(_retrain(again, store, others, draw, view))
@@ -122,6 +136,19 @@ def _told(origin: Opened, done: Verified) -> list[str]:
         told.append(f"all {done.entries} store entries were needed")
         told.append(f"bundle digest: {origin.digest} (of all its files; the one to cite stands last)")
     return told
+
+
+def _plans(origin: Opened, done: Verified, signers: Path | None) -> list[str]:
+    """Say of each plan whether it was signed; it is part of what the study or the sweep is, so it came before it."""
+    plans = {f"study {name}": study.record.plan for run in done.runs for name, study in run.studies.items()}
+    sweep = SweepDirectory(origin.folder)
+    if sweep.is_one:
+        plans["the sweep"] = sweep.read().terms.plan
+    return [
+        f"plan of {what}: {describe_plan(plan, signers, BundleError)}"
+        for what, plan in plans.items()
+        if plan is not None
+    ]
 
 
 def _recomputed(runs: Sequence[Rerun]) -> str:

@@ -300,7 +300,9 @@ class Zygote:
         if problem is not None:
             if lacking := re.search(r"No module named '(\w+)", problem):
                 expected = f"{lacking[1]}, which the processes of the sandbox import"
-                remedy = f"install {lacking[1]} (docs/installation.md): an environment of make check-only trains nothing"
+                remedy = (
+                    f"install {lacking[1]} (docs/installation.md): an environment of make check-only trains nothing"
+                )
                 raise _StartError("an environment without it", expected=expected, remedy=remedy)
             raise _StartError(problem, expected="a zygote that imports its entries and maps its arrays")
         self._errors.close()

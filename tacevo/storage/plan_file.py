@@ -3,16 +3,17 @@
 It is copied into the study's header or into sweep.json, so that what was planned travels with what was done.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Lt
 
-from tacevo.errors import ConfigError
+from tacevo.errors import ConfigError, TacevoError
 from tacevo.records import Record, to_json
 from tacevo.storage.canonical import readable
+from tacevo.storage.signatures import check, sign
 from tacevo.typed import parse
 
 
@@ -30,7 +31,7 @@ class Measure(StrEnum):
 class SeedPlan(Record):
     """The number of seeds that was planned, and what it was planned from."""
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"elites"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"elites", "signature"})
 
     schema: Literal[1] = 1
     kind: Literal["study", "sweep"]
@@ -64,6 +65,8 @@ class SeedPlan(Record):
     pilots: tuple[str, ...]
     #: The day of the plan in UTC, by that machine's clock, as 2026-11-22; empty of a plan by an earlier release.
     made: str = ""
+    #: A signature of OpenSSH of this file without it (`tacevo.storage.signatures`); empty of a plan that nobody signed.
+    signature: str = ""
 
     @property
     def dated(self) -> str:
@@ -74,6 +77,39 @@ class SeedPlan(Record):
 def plan_text(plan: SeedPlan) -> str:
     """Return what plan.json holds."""
     return readable(to_json(plan))
+
+
+def signed_plan(plan: SeedPlan, key: Path) -> SeedPlan:
+    """Return a plan with its signature by the key of a file.
+
+    Raises:
+        ConfigError: as `tacevo.storage.signatures.sign`.
+    """
+    return replace(plan, signature=sign(_unsigned(plan), key))
+
+
+def describe_plan(plan: SeedPlan, allowed: Path | None, error: type[TacevoError]) -> str:
+    """Say in a line when a plan was made, and who signed it; `allowed` is as of `tacevo.storage.signatures.check`.
+
+    Raises:
+        TacevoError: of the class `error`: its signature is none of it.
+        ConfigError: there is no such file of allowed signers.
+    """
+    if not plan.signature:
+        return f"{plan.dated}; unsigned"
+    try:
+        signed = check(_unsigned(plan), plan.signature, allowed)
+    except ConfigError as problem:
+        if allowed is not None:
+            raise
+        return f"{plan.dated}; signature not checked: {problem}"
+    if signed is None:
+        raise error("a signature of another text", place="plan", expected="a plan as it was signed")
+    return f"{plan.dated}; signed by {signed.described}"
+
+
+def _unsigned(plan: SeedPlan) -> str:
+    return plan_text(replace(plan, signature=""))
 
 
 def read_plan(path: Path, kind: Literal["study", "sweep"], task: str) -> SeedPlan:
@@ -92,4 +128,5 @@ def read_plan(path: Path, kind: Literal["study", "sweep"], task: str) -> SeedPla
     for name, wanted, stated in (("kind", kind, plan.kind), ("task", task, plan.task)):
         if stated != wanted:
             raise ConfigError(repr(stated), place=f"{path}, {name}", expected=repr(wanted))
+    describe_plan(plan, None, ConfigError)
     return plan
