@@ -50,7 +50,7 @@ HOLDS = {
     "tracking": "the mirror\nin MLflow",
     "results": "finished runs,\nread and checked",
     "config": "settings, composed\nand checked",
-    "llm": "models\nand their answers",
+    "llm": "models that\nanswer requests",
     "gate": "what may run,\nand what may not",
     "training": "epochs, losses,\nequal bits",
     "data": "images and labels",

@@ -32,9 +32,9 @@ def place(place: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return place
 
 
-def written(kind: Kind, capsys: pytest.CaptureFixture[str]) -> dict[str, list[str]]:
+def written(kind: Kind, capsys: pytest.CaptureFixture[str], whose: str = "my") -> dict[str, list[str]]:
     """Write `my_KIND`; return the printed commands, without `tacevo` and the like, by the words before them."""
-    assert main(["init", f"my_{kind.name}", "--part", kind.name]) == 0
+    assert main(["init", f"{whose}_{kind.name}", "--part", kind.name]) == 0
     lines = capsys.readouterr().out.splitlines()
     return {line.split(":")[0]: shlex.split(line.partition(":")[2])[1:] for line in lines}
 
@@ -89,7 +89,7 @@ def test_part_of_a_package_works_where_it_is_installed(
 def test_search_with_a_written_part_is_replayed(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As any other; the parts of all kinds that decide, in one search."""
     deciding = [kind for kind in KINDS.values() if kind.decides]
-    words = [written(kind, capsys)["try"][2] for kind in deciding]
+    words = [written(kind, capsys, "our")["try"][2] for kind in deciding]
     small = ["search.generations=1", "search.initial=2", "search.candidates=2", "training.epochs=1", "data.images=100"]
     few = ["archive.niches=5", "archive.samples=100", "tracking=none", "run.dir=run", "store.root=store"]
     tacevo("search", "experiment=demo", *words, *small, *few, cwd=place)
