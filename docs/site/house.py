@@ -64,7 +64,7 @@ _EVERYWHERE = "below all"
 
 _INK, _LINE, _ROOM, _BASE, _STEP = "#22303c", "#7a8b99", "#e8eef3", "#f6f1e4", "#b4532a"
 
-#: Of a room, of the space between two floors, and of the page, in inches.
+#: In inches: height of a room and of the space below it, width of a room and of the space beside it, width of the page.
 _HEIGHT, _BETWEEN, _WIDE, _GAP, _PAGE = 0.74, 0.3, 1.85, 0.3, 10.9
 
 #: Where rooms stand that would else hide a line, from the middle of the page, in inches.
