@@ -1,10 +1,17 @@
 """`tacevo init NAME --part KIND`: a part of a user's own that works at once, with its test, to be edited."""
 
+import contextlib
 import keyword
+import os
 import re
+import shlex
+import shutil
 import sys
 from importlib.resources import files
+from io import StringIO
 from pathlib import Path
+from token import NAME
+from tokenize import generate_tokens
 
 from tacevo.cli.common import DONE, tell
 from tacevo.environment import as_typed
@@ -91,14 +98,15 @@ def _check_name(name: str, attribute: str, template: str, packaged: Kind | None)
         ConfigError: it cannot.
     """
     remedy = "choose a name such as width"
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or keyword.iskeyword(name) or keyword.iskeyword(attribute):
+    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or keyword.iskeyword(name) or keyword.iskeyword(attribute):
         expected = "a lower-case identifier, which is no word of Python's own"
         raise ConfigError(repr(name), place="NAME", expected=expected, remedy=remedy)
     if name in sys.stdlib_module_names or is_there(name):
         raise ConfigError(name, place="NAME", expected="a name that no installed module has", remedy=remedy)
-    if re.search(rf"\b{attribute}\b", re.sub(r"\bmine\b", "", template, flags=re.IGNORECASE)):
-        got = f"{name}, whose class would be {attribute}"
-        raise ConfigError(got, place="NAME", expected="a name that its module does not use already", remedy=remedy)
+    used = {token.string for token in generate_tokens(StringIO(template).readline) if token.type == NAME}
+    if attribute in used - {"Mine", "mine"}:
+        expected = "a name that its module does not use for something else"
+        raise ConfigError(attribute, place="NAME", expected=expected, remedy=remedy)
     if packaged and name in packaged.ours:
         raise ConfigError(
             name, place="NAME", expected=f"a name that none of tacevo's {packaged.name} has", remedy=remedy
@@ -114,28 +122,40 @@ def _write(texts: dict[Path, str]) -> None:
     if taken := [str(file) for file in texts if file.exists() or file.is_symlink()]:
         remedy = "choose another name, or remove what is there"
         raise ConfigError(listed(taken), place="NAME", expected="files that are not there yet", remedy=remedy)
-    written: list[Path] = []
+    folder = next(iter(texts)).parent
+    new_folders = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         for file, text in texts.items():
-            file.parent.mkdir(parents=True, exist_ok=True)
-            with file.open("x", encoding="utf-8") as opened:
-                written.append(file)
-                opened.write(text)
-    except OSError as error:
-        for file in written:
-            file.unlink(missing_ok=True)
+            file.write_text(text, encoding="utf-8")
+    except BaseException as error:
+        for file in texts:
+            with contextlib.suppress(OSError):
+                file.unlink(missing_ok=True)
+        for each in new_folders:
+            with contextlib.suppress(OSError):
+                each.rmdir()
+        if not isinstance(error, OSError):
+            raise
         got, remedy = f"{error.strerror}; nothing was written", "make room there, or let yourself write there"
         expected = "a directory that can be written to"
-        raise ConfigError(got, place=str(_FOLDER), expected=expected, remedy=remedy) from error
+        raise ConfigError(got, place=str(folder), expected=expected, remedy=remedy) from error
 
 
 def _next(kind: Kind, name: str, folder: Path, found: str) -> list[str]:
     """Say what a user does with a new part, a line each."""
-    tacevo, test = as_typed("tacevo"), f"test:   {as_typed('pytest')} {folder / f'test_{name}.py'}"
+    tacevo, test = as_typed("tacevo"), f"test:   {_own('pytest')} {folder / f'test_{name}.py'}"
     if kind in (OUTPUTS, COMMANDS):
-        added = f"add:    {as_typed('pip')} install -e {folder}"
+        added = f"add:    {_own('pip')} install -e {folder}"
         tried = f"{tacevo} {name} runs/NAME" if kind is COMMANDS else f"{tacevo} tables runs/NAME"
         return [test, added, f"verify: {tacevo} parts check {name}", f"try:    {tried}"]
     value = f"'{kind.setting}=[arch_div,{found}]'" if kind is DESCRIPTORS else f"{kind.setting}={found}"
     search = f"{tacevo} search experiment=demo {value}{_BESIDE.get(kind.name, '')}"
     return [f"verify: {tacevo} parts check {folder / name}.py", test, f"try:    {search}"]
+
+
+def _own(command: str) -> str:
+    """Spell a command of this environment of which a user's shell may find another one."""
+    beside = Path(sys.executable).parent
+    found = shutil.which(command)
+    return command if found and Path(found).parent == beside else shlex.quote(os.path.relpath(beside / command))

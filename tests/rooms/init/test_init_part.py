@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from checkout import ROOT
 from commands import tacevo
+from full_disks import largest_file
 from refusals import refused
 from rooms import run_without
 
@@ -70,7 +71,7 @@ def test_part_of_a_package_works_where_it_is_installed(
 ) -> None:
     """Its test passes, and its entry point leads to what keeps the contracts."""
     commands = written(kind, capsys)
-    assert passes(*commands["test"], place)
+    assert passes(commands["test"][0], place)
     package = place / commands["add"][-1]
     project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
     ((group, (entry,)),) = ((group, points.items()) for group, points in project["entry-points"].items())
@@ -101,6 +102,7 @@ def test_search_with_a_written_part_is_replayed(place: Path, capsys: pytest.Capt
     [
         ("Width", "descriptors", "NAME"),
         ("my-width", "descriptors", "NAME"),
+        ("width_", "outputs", "NAME"),
         ("class", "fitness", "NAME"),
         ("none", "fitness", "NAME"),
         ("", "fitness", "NAME"),
@@ -110,6 +112,7 @@ def test_search_with_a_written_part_is_replayed(place: Path, capsys: pytest.Capt
         ("parents", "parents", "NAME"),
         ("generation", "temperatures", "NAME"),
         ("show", "commands", "NAME"),
+        ("parser", "commands", "NAME"),
         ("pareto", "outputs", "NAME"),
         ("width", "descriptorz", "--part"),
         ("width", "", "--part"),
@@ -130,6 +133,13 @@ def test_what_is_there_is_not_changed(taken: str, place: Path) -> None:
     with refused(ConfigError):
         run_init_part("width", "descriptors")
     assert [path.read_text() for path in place.rglob("*") if path.is_file()] == ["mine"]
+
+
+def test_part_is_whole_or_absent(place: Path) -> None:
+    """On a full disk nothing is left, not even a new directory."""
+    with largest_file(300), refused(ConfigError, place="parts/width"):
+        run_init_part("width", "outputs")
+    assert list(place.iterdir()) == []
 
 
 def test_part_is_no_task(place: Path) -> None:
