@@ -98,7 +98,8 @@ def _check_name(name: str, attribute: str, template: str, packaged: Kind | None)
         ConfigError: it cannot.
     """
     remedy = "choose a name such as width"
-    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) or keyword.iskeyword(name) or keyword.iskeyword(attribute):
+    is_identifier = re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name) is not None
+    if not is_identifier or keyword.iskeyword(name) or keyword.iskeyword(attribute):
         expected = "a lower-case identifier, which is no word of Python's own"
         raise ConfigError(repr(name), place="NAME", expected=expected, remedy=remedy)
     if name in sys.stdlib_module_names or is_there(name):
