@@ -1,14 +1,14 @@
 """Draw the house: `python docs/site/house.py [FILE]` writes docs/figures/house.svg from the imports as they are now.
 
-A room is a package, its width its statements; a row may import the rows below it (the layers of pyproject.toml). A line
-joins two rooms of which one imports the other, the thicker the more modules do. The numbers are the way of one
-candidate, from the command to the ledger.
+A room is a package, a floor a layer of pyproject.toml; a room may import the floors below its own. A line joins two
+rooms of which the upper one imports the lower one; it is left out where other lines lead there, too. The numbers are
+the way of one candidate, from the command to the ledger, and docs/design.md has the list of them.
 """
 
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import grimp
@@ -21,29 +21,67 @@ ROOT = Path(__file__).resolve().parents[2]
 
 FILE = ROOT / "docs/figures/house.svg"
 
-#: Where a candidate comes from and where it goes, in the order in which it meets the rooms.
+#: Where a candidate comes from and where it goes, in the order in which it meets the rooms: what happens there, and the
+#: file to open.
 WAY = (
-    ("cli", "a command is typed"),
-    ("config", "its settings are composed and checked"),
-    ("runs", "one run is put together"),
-    ("evolution", "parents, instruction and temperature are drawn"),
-    ("llm", "a model answers"),
-    ("gate", "the answer becomes a class that may run"),
-    ("sandbox", "a confined process is forked for it"),
-    ("training", "it is trained there"),
-    ("data", "on these images"),
-    ("storage", "answer, probe and training are stored; its line is committed to the ledger"),
+    ("cli", "a command is typed", "tacevo/cli/search.py"),
+    ("config", "its settings are composed and checked", "tacevo/config/compose.py"),
+    ("runs", "one run is put together", "tacevo/runs/wiring.py"),
+    ("evolution", "parents, an instruction and a temperature are drawn", "tacevo/evolution/algorithm.py"),
+    ("llm", "a model answers", "tacevo/llm/recording.py"),
+    ("gate", "the answer becomes a class that may run", "tacevo/gate/admission.py"),
+    ("sandbox", "a confined process is started for it", "tacevo/sandbox/client.py"),
+    ("training", "it is trained there", "tacevo/training/evaluation.py"),
+    ("data", "on these images", "tacevo/data/loading.py"),
+    ("storage", "its answers are stored, and its line is added to the ledger", "tacevo/storage/ledger.py"),
 )
+
+#: What is in a room, in two lines.
+HOLDS = {
+    "cli": "the commands\nthat a user types",
+    "api": "the same\nfrom Python",
+    "bundles": "runs published\nas one file",
+    "export": "a network\ntaken away",
+    "reproduce": "replay, retrain\nand compare",
+    "studies": "full trainings\nof the best",
+    "sweeps": "many searches",
+    "runs": "one run, built\nfrom its settings",
+    "cluster": "the nodes\nof a Ray cluster",
+    "tracking": "the mirror\nin MLflow",
+    "results": "finished runs,\nread and checked",
+    "config": "settings, composed\nand checked",
+    "llm": "models that\nanswer requests",
+    "gate": "what may run,\nand what may not",
+    "training": "epochs, losses,\nequal bits",
+    "data": "images and labels",
+    "evolution": "Algorithm 1\nof the paper",
+    "sandbox": "confined processes",
+    "storage": "stores, ledgers\nand directories",
+}
 
 #: Modules that every room may import, which would be lines everywhere.
 _EVERYWHERE = "below all"
 
-_INK, _LINE, _ROOM, _BASE = "#22303c", "#7a8b99", "#e8eef3", "#f6f1e4"
+_INK, _LINE, _ROOM, _BASE, _STEP = "#22303c", "#7a8b99", "#e8eef3", "#f6f1e4", "#b4532a"
 
-_HEIGHT, _GAP, _LEAST, _WIDTH = 0.62, 0.16, 0.75, 11.0
+#: In inches: height of a room and of the space below it, width of a room and of the space beside it, width of the page.
+_HEIGHT, _BETWEEN, _WIDE, _GAP, _PAGE = 0.74, 0.3, 1.85, 0.3, 10.9
 
-#: Rows of fewer rooms stand aside by so much.
-_FEW, _ASIDE = 3, 2.2
+#: Where rooms stand that would else hide a line, from the middle of the page, in inches.
+_ASIDE = {
+    "api": -2.2,
+    "bundles": -3.3,
+    "export": -1.1,
+    "reproduce": -2.2,
+    "studies": -2.2,
+    "sweeps": 0.0,
+    "runs": -0.5,
+    "cluster": 2.62,
+    "tracking": 4.5,
+    "evolution": -4.3,
+    "sandbox": 0.0,
+    "storage": 2.15,
+}
 
 
 def rows() -> list[list[str]]:
@@ -82,67 +120,72 @@ def _room(module: str, known: set[str]) -> str:
     return parts[1] if len(parts) > 1 and parts[1] in known else _EVERYWHERE
 
 
+def nearest(pairs: Collection[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Leave out each import of a room that the same room also reaches through others."""
+    below: dict[str, set[str]] = {}
+
+    def reached(room: str) -> set[str]:
+        if room not in below:
+            own = {there for here, there in pairs if here == room}
+            below[room] = own.union(*map(reached, own))
+        return below[room]
+
+    return {
+        (here, there)
+        for here, there in pairs
+        if not any(there in reached(other) for start, other in pairs if start == here)
+    }
+
+
 def draw() -> Figure:
     """Draw rooms, imports and the way of a candidate."""
-    floors, counts, joined = rows(), sizes(), imports()
-    figure = Figure(figsize=(_WIDTH, 0.98 * len(floors) + 2.6))
+    floors, counts = rows(), sizes()
+    height = len(floors) * (_HEIGHT + _BETWEEN)
+    figure = Figure(figsize=(_PAGE, height + 0.1))
     axes = figure.add_axes((0, 0, 1, 1))
-    places = dict(_places(floors, counts))
-    for (here, there), count in sorted(joined.items()):
-        (x, y, width), (u, v, other) = places[here], places[there]
-        ends = (x + width / 2, u + other / 2), (y, v + _HEIGHT)
-        axes.plot(*ends, color=_LINE, linewidth=0.4 + 0.12 * count, alpha=0.35, zorder=1, solid_capstyle="round")
-    steps = {room: str(number) for number, (room, _) in enumerate(WAY, start=1)}
-    for room, (x, y, width) in places.items():
-        colour = _BASE if room == _EVERYWHERE else _ROOM
-        box = FancyBboxPatch((x, y), width, _HEIGHT, "round,pad=0,rounding_size=0.08", facecolor=colour, zorder=2)
-        box.set(edgecolor=_INK, linewidth=0.8)
-        axes.add_patch(box)
-        words = "records, errors, rules, text, parts: what every room may import" if room == _EVERYWHERE else room
-        axes.text(x + width / 2, y + _HEIGHT * 0.6, words, ha="center", va="center", color=_INK, fontsize=10, zorder=3)
-        axes.text(
-            x + width / 2,
-            y + _HEIGHT * 0.2,
-            f"{counts[room]:,}",
-            ha="center",
-            va="center",
-            color=_LINE,
-            fontsize=7,
-            zorder=3,
-        )
-        if room in steps:
-            axes.text(
-                x, y + _HEIGHT, steps[room], ha="center", va="center", color="white", fontsize=8, zorder=4
-            ).set_bbox({"boxstyle": "circle,pad=0.2", "facecolor": "#b4532a", "edgecolor": "none"})
-    _legend(axes)
-    axes.set(xlim=(-0.2, _WIDTH + 0.2), ylim=(-1.5, 0.98 * len(floors) + 0.1))
+    places = dict(_places(floors))
+    for here, there in sorted(nearest(imports())):
+        (x, y), (u, v) = places[here], places[there]
+        ends = (x + _WIDE / 2, u + _WIDE / 2), (y, v + _HEIGHT)
+        axes.plot(*ends, color=_LINE, linewidth=1.1, alpha=0.75, zorder=1, solid_capstyle="round")
+    for room, (x, y) in places.items():
+        words = ("every room may import: records, errors, rules, text, parts", "") if room == _EVERYWHERE else None
+        _draw_room(axes, (x, y), words or (room, HOLDS[room]), counts[room])
+    for number, (room, *_) in enumerate(WAY, start=1):
+        x, y = places[room]
+        step = axes.text(x, y + _HEIGHT, str(number), ha="center", va="center", color="white", fontsize=10, zorder=4)
+        step.set_bbox({"boxstyle": "circle,pad=0.25", "facecolor": _STEP, "edgecolor": "none"})
+    axes.set(xlim=(0, _PAGE), ylim=(-0.05, height + 0.05))
     axes.axis("off")
     return figure
 
 
-def _places(
-    floors: Sequence[Sequence[str]], sizes: Mapping[str, int]
-) -> Iterator[tuple[str, tuple[float, float, float]]]:
-    """Yield left, bottom and width of each room: wide ones have many statements, and a row stands in the middle."""
-    unit = (_WIDTH - 5 * _GAP) / max(sum(sizes[room] for room in row) for row in floors)
-    for number, row in enumerate(floors):
-        widths = [max(_LEAST, unit * sizes[room]) for room in row]
-        if row == [_EVERYWHERE]:
-            yield _EVERYWHERE, (0, 0, _WIDTH)
+def _draw_room(axes: mpl.axes.Axes, corner: tuple[float, float], words: tuple[str, str], count: int) -> None:
+    """Draw a box with the name of a room, what it holds, and its statements."""
+    (x, y), (name, holds) = corner, words
+    width, colour = (_WIDE, _ROOM) if holds else (_PAGE - 2 * _GAP, _BASE)
+    box = FancyBboxPatch((x, y), width, _HEIGHT, "round,pad=0,rounding_size=0.08", facecolor=colour, zorder=2)
+    box.set(edgecolor=_INK, linewidth=0.8)
+    axes.add_patch(box)
+    middle = x + width / 2
+    at, weight = (0.78, "bold") if holds else (0.5, "normal")
+    axes.text(
+        middle, y + _HEIGHT * at, name, ha="center", va="center", color=_INK, fontsize=11, weight=weight, zorder=3
+    )
+    axes.text(middle, y + _HEIGHT * 0.35, holds, ha="center", va="center", color=_INK, fontsize=9, zorder=3)
+    axes.text(x + width - 0.06, y + 0.05, f"{count:,}", ha="right", va="bottom", color=_LINE, fontsize=7, zorder=3)
+
+
+def _places(floors: Sequence[Sequence[str]]) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Yield left and bottom of each room, the highest floor first."""
+    for number, floor in enumerate(floors):
+        y = (len(floors) - 1 - number) * (_HEIGHT + _BETWEEN)
+        if floor == [_EVERYWHERE]:
+            yield _EVERYWHERE, (_GAP, y)
             return
-        left = (_WIDTH - sum(widths) - _GAP * (len(row) - 1)) / 2
-        if len(row) < _FEW:  # by turns to one side and the other, so that lines do not hide each other
-            left += _ASIDE if number % 2 else -_ASIDE
-        for room, width in zip(row, widths, strict=True):
-            yield room, (left, 0.98 * (len(floors) - 1 - number), width)
-            left += width + _GAP
-
-
-def _legend(axes: mpl.axes.Axes) -> None:
-    """Write the way of a candidate below the house."""
-    lines = [f"{number}  {room}: {does}" for number, (room, does) in enumerate(WAY, start=1)]
-    for column, part in enumerate((lines[:5], lines[5:])):
-        axes.text(0.1 + column * _WIDTH / 2, -0.25, "\n".join(part), ha="left", va="top", color=_INK, fontsize=8.5)
+        for place, room in enumerate(floor):
+            middle = _ASIDE.get(room, (place - (len(floor) - 1) / 2) * (_WIDE + _GAP))
+            yield room, (_PAGE / 2 + middle - _WIDE / 2, y)
 
 
 def write(path: Path) -> None:

@@ -816,24 +816,35 @@ def init(
     *,
     like: Annotated[str, Takes("TASK")] | None = None,
     from_supplement: File | None = None,
+    part: Annotated[str, Takes("KIND")] | None = None,
     config_dir: Dir | None = None,
 ) -> int:
-    """Write a task of your own, copied from another one, to be edited.
+    """Write a task of your own, or a part, to be edited.
 
     Write a task of your own into ./conf: the settings, the baseline and the texts of another task under a new name, to
-    be edited. Searches that start in this directory know it. Nothing that exists is changed.
+    be edited. Searches that start in this directory know it. With --part, write a part into ./parts that works at once,
+    and its test. Nothing that exists is changed.
 
     Examples:
       tacevo init shear --like force
       tacevo search experiment=demo task=shear
+      tacevo init width --part descriptors
+      tacevo parts check parts/width.py
 
     Args:
-        name: of the new task: a lower-case identifier, e.g. shear
+        name: of the new task or part: a lower-case identifier, e.g. shear
         like: the task to copy (default: force)
         from_supplement: your copy of the index.html of the paper's supplement: its instructions and system prompt
             become those of the new task, for forces or gratings as NAME begins, or as --like says
+        part: write a part of this kind instead of a task; one of those that `tacevo parts` lists
         config_dir: the directory of configs to write into, which is made (default: conf)
     """
+    if part is not None:
+        if like or from_supplement or config_dir:
+            raise UsageError("--part writes a part, and no task; leave --like, --from-supplement and --config-dir out")
+        from tacevo.cli.new_part import run_init_part
+
+        return run_init_part(name, part)
     from tacevo.cli.init import run_init
 
     return run_init(name, like, from_supplement, config_dir)

@@ -1,5 +1,6 @@
 """docs/design.md draws the tree as it is, and what a reader starts with needs little of it."""
 
+import json
 import re
 import subprocess
 import sys
@@ -39,6 +40,16 @@ def test_drawn_house_has_the_rooms_of_the_contract() -> None:
     )
     drawn_rooms = re.findall(r">([a-z]+)</text>", (ROOT / "docs/figures/house.svg").read_text(encoding="utf-8"))
     assert sorted(drawn_rooms) == sorted(re.findall(r"\w+", " ".join(layers[:-1])))
+
+
+def test_way_of_a_candidate_is_that_of_the_picture() -> None:
+    """The page has a row for each red number, with the same room, words and file; the file lies in the room."""
+    asked = "import house, json; print(json.dumps(house.WAY))"
+    way = json.loads(subprocess.check_output([sys.executable, "-c", asked], cwd=ROOT / "docs/site", text=True))
+    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| `(\w+)` \| (.+) \| `(.+)` \|$", text, re.MULTILINE)
+    assert rows == [(str(number), *step) for number, step in enumerate(way, start=1)]
+    assert [file for _, room, _, file in rows if not (ROOT / file).is_file() or f"tacevo/{room}/" not in file] == []
 
 
 def test_core_and_parts_are_as_the_page_says() -> None:

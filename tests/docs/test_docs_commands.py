@@ -69,6 +69,7 @@ STANDS_FOR = {
     r"\b(PATH|OTHER)\b": "IMAGES",
     r"root=DIR": "root=tacverse",
     r"unzip -d": "unzip -oqd",  # they lie there already
+    r"parts check sizes": "parts check pareto",  # one that is installed
 }
 
 #: What makes the Python of pages small: the demo's seed, short trainings, and nothing that needs a sweep of 20 seeds.

@@ -131,7 +131,7 @@ NAMING = {
     "figures": ["figures runs/first", "report runs/first --latex --output paper"],
     "estimate": [f"search {SETTINGS} --estimate"],
     "data check": ["data check task=force"],
-    "init": ["init mine"],
+    "init": ["init mine", "init my_part --part fitness"],
     "crate": ["publish runs/first -o again.zip"],
     "motifs": ["publish runs/first -o again.zip"],
     "noise": ["noise runs/first", "study runs/first choose=reestimated", "publish runs/first -o again.zip"],

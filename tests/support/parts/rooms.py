@@ -33,7 +33,7 @@ ROOMS: Mapping[str, str] = {
     "figures": "analysis.figures analysis.report.figure_list tacevo.cli.figures matplotlib",
     "estimate": "tacevo.runs.estimate tacevo.runs.pace",
     "data check": "tacevo.runs.data_check tacevo.runs.data_report tacevo.data.pictures tacevo.data.survey",
-    "init": "tacevo.cli.init tacevo.config.new_task tacevo.config.supplement",
+    "init": "tacevo.cli.init tacevo.cli.new_part tacevo.cli.templates tacevo.config.new_task tacevo.config.supplement",
     "crate": "tacevo.bundles.crate rocrate",
     "image tests": "analysis.tables.images analysis.studies.image_findings",
     "transfer": "analysis.tables.transfer analysis.studies.transfer",
