@@ -516,6 +516,7 @@ def publish(
     author: Annotated[Sequence[str], Takes("NAME"), REPEATED] = (),
     date: Annotated[str, Takes("YYYY-MM-DD")] = "",
     sign: Annotated[File | None, Takes("KEY")] = None,
+    deposit: Dir | None = None,
 ) -> int:
     """Write one file with which anybody can replay a run or a sweep.
 
@@ -526,6 +527,9 @@ def publish(
       tacevo publish runs/NAME -o NAME.zip --author 'Ada Lovelace'
       tacevo publish sweeps/NAME -o NAME.zip --license CC0-1.0
       tacevo publish runs/NAME -o NAME.zip --sign ~/.ssh/id_ed25519
+      # what Zenodo wants: upload all files of this directory
+      tacevo publish runs/NAME -o NAME.zip --author 'Ada Lovelace' \
+          --deposit deposit
 
     Args:
         run: the directory of a run or of a sweep
@@ -536,11 +540,14 @@ def publish(
         author: may be given several times
         date: of publication (default: the end of the run)
         sign: sign the bundle digest with this SSH key, into a file beside the bundle; the key itself stays where it is
+        deposit: lay out bundle, README, licence, citation, checksums and .zenodo.json here, for a research archive
     """
     _reading(run)
     from tacevo.cli.publish import run_publish
 
-    return run_publish(run, studies, output, store=store, licence=licence, authors=author, date=date, key=sign)
+    return run_publish(
+        run, studies, output, store=store, licence=licence, authors=author, date=date, key=sign, deposited=deposit
+    )
 
 
 @command()

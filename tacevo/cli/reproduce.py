@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tacevo.api.replaying import digest_of, extended, replay
+from tacevo.bundles.deposit import doi_of
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.signing import describe_signature
 from tacevo.bundles.verify import Rerun, Verified
@@ -50,7 +51,10 @@ def run_replay(
     with Progress() as view:
         place = opened(path)
         # Before the replay: who asks for signers need not wait for it.
-        signed = [describe_signature(path, place.digest, signers)] if place.digest and path.is_file() else []
+        signed = []
+        if place.digest and path.is_file():
+            signed = [describe_signature(path, place.digest, signers)]
+            signed += [f"doi: {doi}, as {path.name}.doi says" for doi in [doi_of(path)] if doi]
         if others is not None:
             check_walls(place)
             configs = _with_data_here(path, place, table)
