@@ -10,6 +10,7 @@ INSTALL := $(BIN)/python .ci/install.py
 PEERS := build/peers
 TABLE_PEERS := build/table-peers
 DOCS := build/docs
+AUDIT := build/audit
 
 # Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
 TWO := --numprocesses 2 --dist worksteal
@@ -18,7 +19,7 @@ test test-core test-parts test-slow test-all test-cluster test-cluster-all cover
 test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper pictures docs lock clean
+.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper pictures docs audit lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -190,6 +191,15 @@ $(DOCS)/.ready: $(READY) requirements-docs.lock
 	@touch $@
 
 OURS := --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel
+audit: $(AUDIT)/.ready ## compare what is locked with the public list of known faults (needs pypi.org)
+	@for lock in requirements.lock requirements-check.lock requirements-dev.lock requirements-docs.lock; do \
+		echo "$$lock"; $(AUDIT)/bin/pip-audit --requirement $$lock --require-hashes --disable-pip --strict || exit; done
+
+$(AUDIT)/.ready:
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/pip install --quiet --disable-pip-version-check pip-audit
+	@touch $@
+
 lock: ## resolve the dependencies again into requirements*.lock, with the hashes of every file (ten minutes)
 	rm -rf build/lock
 	$(PYTHON) -m venv build/lock

@@ -22,6 +22,7 @@ from scipy.stats import wilcoxon
 import tacevo
 from analysis.statistics.effects import mean_with_interval
 from analysis.statistics.tests import holm
+from tacevo.storage.sweep_directory import SweepDirectory
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -69,10 +70,13 @@ def chosen(scores: pd.DataFrame) -> Iterator[float]:
 
 
 def _arms(sweep: tacevo.Sweep) -> dict[str, dict[int, float]]:
-    """Return the logarithm of the ratio of each job with a study, by arm and seed."""
+    """Return the logarithm of the ratio of each job with a study, by arm and seed.
+
+    Jobs are read one by one: those of the control differ in their networks too, so as a sweep they cannot be compared.
+    """
     arms: dict[str, dict[int, float]] = {}
-    for job in sweep.jobs.itertuples():
-        for study in sweep.run(str(job.Index)).studies:
+    for job in SweepDirectory(sweep.place.folder).read().jobs:
+        for study in sweep.run(job.name).studies:
             if study.is_noise or study.is_choice:
                 continue
             arms.setdefault(job.arm, {})[job.seed] = float(np.mean([*chosen(study.scores)]))
