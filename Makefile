@@ -19,7 +19,7 @@ test test-core test-parts test-slow test-all test-cluster test-cluster-all cover
 test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper pictures docs audit lock clean
+.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper pictures docs release audit lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -191,6 +191,9 @@ $(DOCS)/.ready: $(READY) requirements-docs.lock
 	@touch $@
 
 OURS := --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel
+release: ## from a clean checkout: wheel and sdist, checked and tried in empty environments; says what a person uploads
+	$(PYTHON) .ci/release.py
+
 audit: $(AUDIT)/.ready ## compare what is locked with the public list of known faults (needs pypi.org)
 	@for lock in requirements.lock requirements-check.lock requirements-dev.lock requirements-docs.lock; do \
 		echo "$$lock"; $(AUDIT)/bin/pip-audit --requirement $$lock --require-hashes --disable-pip --strict || exit; done
