@@ -1,0 +1,56 @@
+"""All figures, by the page of docs/found on which they stand."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+
+from benchmarks.found import ends, networks, proposals, records
+from benchmarks.found.estimates import Estimate
+
+
+def summary() -> Iterator[Estimate]:
+    """Yield the rows of the picture of all questions, each under the question's number."""
+    yield _row("1", "winner, other seeds / baseline", records.pooled())
+    yield _row("2", "mean of five, 70 epochs / baseline", ends.mean_of_five())
+    yield _row("2", "one chosen of five / baseline", ends.one_of_five())
+    yield _row("3", "Claude's proposals / grammar's", proposals.claude_or_grammar())
+    arms = {one.of: one for one in proposals.ablation_drawn()}
+    yield _row("4", "random parents / the method", arms[proposals.NAMES["drift"]])
+    yield _row("4", "best k, no niches / the method", arms[proposals.NAMES["best_k"]])
+    for task, one in zip(("grating", "force"), networks.paper_means(), strict=True):
+        yield _row("5", f"paper's {task} nets / baseline", one)
+    told, _ = proposals.telling_drawn()
+    yield _row("6", "told the losses / not told", told)
+    yield _row("7", "children of elites / of others", proposals.children())
+    first, *_ = networks.by_hand_drawn()
+    yield _row("8", "two edits by hand / baseline", first)
+
+
+def _row(question: str, of: str, one: Estimate) -> Estimate:
+    return replace(one, of=f"{question}. {of}", group="", beside="")
+
+
+Rows = Callable[[], Iterable[Estimate]]
+
+#: What each picture shows, by its page and file.
+DRAWN: dict[str, Rows] = {
+    "summary": summary,
+    "records": records.drawn,
+    "ends": ends.drawn,
+    "model_or_grammar": proposals.model_drawn,
+    "ablation": proposals.ablation_drawn,
+    "paper_networks": networks.paper_drawn,
+    "telling": proposals.telling_drawn,
+    "operator": proposals.operator_drawn,
+    "by_hand": networks.by_hand_drawn,
+    "words": proposals.words_drawn,
+}
+
+#: What the text of a page says beside its picture.
+WRITTEN: dict[str, Rows] = {
+    "records": records.written,
+    "ends": ends.written,
+    "model_or_grammar": proposals.model_written,
+    "ablation": proposals.ablation_written,
+    "operator": proposals.operator_written,
+    "words": proposals.words_written,
+}
