@@ -63,9 +63,7 @@ def more_right(scores: pd.DataFrame) -> pd.DataFrame:
     return points.sub(points.baseline, axis=0).drop(columns="baseline")
 
 
-def chosen(
-    scores: pd.DataFrame, worth: Callable[[pd.DataFrame], pd.DataFrame] = against_baseline
-) -> Iterator[float]:
+def chosen(scores: pd.DataFrame, worth: Callable[[pd.DataFrame], pd.DataFrame] = against_baseline) -> Iterator[float]:
     """Yield, for each seed that chooses, the mean worth of the chosen network by the other seeds.
 
     By the seed of a failed training its network is not chosen.

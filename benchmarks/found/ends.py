@@ -1,9 +1,9 @@
 """Test losses beside the baseline's, after short and after long trainings."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +18,11 @@ from benchmarks.handed_over import against_baseline, chosen, more_right
 
 
 class Handed(NamedTuple):
-    """Searches of one kind, each with a study of five networks: their sweep, its arm, and what they are."""
+    """Searches of one kind, each with a study of five networks."""
 
+    #: Their sweep, its arm (None where it has no other), and what they are.
     bundle: str
-    arm: str
+    arm: str | None
     of: str
 
 
@@ -29,7 +30,7 @@ class Handed(NamedTuple):
 SEARCHES = tuple(Handed("ablation-elites", arm, of) for arm, of in ARMS.items())
 
 #: The control without a search; its rows are there once its sweep is published.
-CONTROL = Handed("first-mutations", "none", "first mutations, no search")
+CONTROL = Handed("first-mutations", None, "first mutations, no search")
 
 #: What a search hands over after 70 epochs.
 MEAN = "70 epochs, 2 seeds, 8 searches each: mean of five networks"
@@ -54,9 +55,9 @@ class OfSeed(NamedTuple):
 def of_searches(handed: Handed) -> dict[int, OfSeed]:
     """Return by seed what a search's five networks are worth, and what the one of them that is handed over is."""
     of, values = sweep(handed.bundle), {}
-    for job in of.jobs[of.jobs.arm == handed.arm].itertuples():
+    for job in of.jobs[of.jobs.arm == (handed.arm or of.arms[0])].itertuples():
         one = of.run(str(job.Index))
-        (study,) = (study for study in one.studies if not study.is_noise)
+        (study,) = (study for study in one.studies if not (study.is_noise or study.is_choice))
         losses = against_baseline(study.scores)
         values[int(job.seed)] = OfSeed(
             float(losses.to_numpy().mean()),
@@ -76,20 +77,38 @@ def _by_reestimates(of: tacevo.Run, ids: pd.Series, losses: pd.DataFrame) -> flo
     return float(losses[min(ids.index, key=lambda network: medians[ids[network]])].mean())
 
 
-def pooled(field: str) -> list[float]:
-    """Return by seed the mean over both arms, which share seeds and baselines, of one thing that is known of a search."""
-    both = [of_searches(each) for each in SEARCHES]
-    return [float(np.mean([getattr(arm[seed], field) for arm in both])) for seed in both[0]]
-
-
 def one_of_five() -> Estimate:
     """Return what the chosen network of both arms' searches is worth."""
-    return ratio("both arms", pooled("of_one"), unit="seeds", bundle="ablation-elites", fixed=AFTERWARDS)
+    return _pooled("both arms", "of_one")
 
 
 def mean_of_five() -> Estimate:
     """Return what the five networks of both arms' searches are worth on the mean."""
-    return replace(one_of_five(), **_numbers(pooled("of_five")))
+    return _pooled("both arms", "of_five")
+
+
+def _pooled(of: str, field: str) -> Estimate:
+    """Return one thing that is known of the searches of both arms as a ratio, over seeds."""
+    return ratio(of, _by_seed(field), unit="seeds", bundle="ablation-elites", fixed=AFTERWARDS)
+
+
+def _by_seed(field: str) -> list[float]:
+    """Return by seed one thing that is known of a search, the mean of both arms: they share seeds and baselines."""
+    both = [of_searches(each) for each in SEARCHES]
+    return [float(np.mean([getattr(arm[seed], field) for arm in both])) for seed in both[0]]
+
+
+def of_one() -> Iterator[Estimate]:
+    """Yield what the chosen network of each kind of search is worth, the method first."""
+    return _of_arms("of_one")
+
+
+def _of_arms(field: str) -> Iterator[Estimate]:
+    """Yield one thing that is known of each kind of search as a ratio, over its searches."""
+    for each in (*SEARCHES, *([CONTROL] if place_of(CONTROL.bundle) else [])):
+        values = [getattr(one, field) for one in of_searches(each).values()]
+        fixed = PLANNED if each == CONTROL else AFTERWARDS
+        yield ratio(each.of, values, unit="searches", bundle=each.bundle, fixed=fixed)
 
 
 def drawn() -> Iterator[Estimate]:
@@ -106,38 +125,28 @@ def drawn() -> Iterator[Estimate]:
         named = f"{'Claude' if by == 'claude' else 'the grammar'}'s {network_id}"
         row = ratio(named, logs, unit=_TRAININGS, bundle="grating-winners", fixed=PLANNED)
         yield replace(row, group="40 epochs, new images, 12 seeds")
-    searches = [*SEARCHES, *([CONTROL] if place_of(CONTROL.bundle) else [])]
-    for group, field, both in ((MEAN, "of_five", mean_of_five()), (ONE, "of_one", one_of_five())):
-        for each in searches:
-            values = [getattr(one, field) for one in of_searches(each).values()]
-            fixed = PLANNED if each == CONTROL else AFTERWARDS
-            yield replace(ratio(each.of, values, unit="searches", bundle=each.bundle, fixed=fixed), group=group)
-        yield replace(both, group=group)
+    for group, rows, both in ((MEAN, _of_arms("of_five"), mean_of_five()), (ONE, of_one(), one_of_five())):
+        yield from (replace(row, group=group) for row in (*rows, both))
     (study,) = run("grating-chosen-48").studies
     names = {"chosen": "the method's g10s01, seed 0", "by_hand": "two edits by hand"}
-    for network, logs in against_baseline(study.scores).items():
-        row = ratio(names[str(network)], logs, unit=_TRAININGS, bundle="grating-chosen-48", fixed=PLANNED)
+    losses = against_baseline(study.scores)
+    for network, of in names.items():
+        row = ratio(of, losses[network], unit=_TRAININGS, bundle="grating-chosen-48", fixed=PLANNED)
         yield replace(row, group="harder task, 70 epochs, new images, 12 seeds")
 
 
 def written() -> Iterator[Estimate]:
     """Yield what the page says beside its picture."""
-    mean, low, high = mean_with_interval(pooled("points"))
-    both = one_of_five()
-    yield replace(both, of="one of five, both arms: points of accuracy above", value=mean, ends=(low, high))
+    estimate = partial(Estimate, bundle="ablation-elites", fixed=AFTERWARDS)
+    points = _by_seed("points")
+    mean, low, high = mean_with_interval(points)
+    of = "one of five, both arms: points of accuracy above the baseline"
+    yield estimate(of=of, value=mean, ends=(low, high), count=len(points), unit="seeds")
     below = [one.of_one < 0 for each in SEARCHES for one in of_searches(each).values()]
-    searches = {"count": len(below), "unit": "searches", "ends": None}
     of = "one of five: searches whose network is below the baseline"
-    yield replace(both, of=of, value=sum(below), form=f"{{:.0f}} of {len(below)}", **searches)
-    of = "one of five, both arms, chosen by re-estimates of ten epochs"
-    yield replace(both, of=of, **_numbers(pooled("by_reestimates")))
+    yield estimate(of=of, value=sum(below), form=f"{{:.0f}} of {len(below)}", count=len(below), unit="searches")
+    yield _pooled("one of five, both arms, chosen by re-estimates of ten epochs", "by_reestimates")
     yield from _of_the_table()
-
-
-def _numbers(logarithms: Sequence[float]) -> dict[str, float | tuple[float, float]]:
-    """Return the value and the ends of a ratio."""
-    mean, low, high = map(math.exp, mean_with_interval(logarithms))
-    return {"value": mean, "ends": (low, high)}
 
 
 def _of_the_table() -> Iterator[Estimate]:
@@ -160,12 +169,10 @@ def _of_the_table() -> Iterator[Estimate]:
     weights = np.concatenate([weight for _, weight in draws]) / len(draws)
     order = logs.argsort()
     low, high = np.exp(logs[order][np.searchsorted(weights[order].cumsum(), [0.025, 0.975])])
-    known = {"bundle": "grating-space", "fixed": AFTERWARDS, "count": networks, "unit": "networks"}
     of = "one of five random networks of the table, 20 epochs"
-    yield Estimate(of=of, value=math.exp(float(logs @ weights)), **known)
-    spread = Estimate(
-        of=f"{of}: single draws", value=math.exp(float(logs @ weights)), ends=(low, high), **known
-    )
-    yield replace(spread, interval="95 % of single draws")
+    estimate = partial(Estimate, bundle="grating-space", fixed=AFTERWARDS, count=networks, unit="networks")
+    value = math.exp(float(logs @ weights))
+    yield estimate(of=of, value=value)
+    yield estimate(of=f"{of}: single draws", value=value, ends=(low, high), interval="95 % of single draws")
     below = 100 * float(weights[logs < 0].sum())
-    yield Estimate(of=f"{of}: draws below the baseline", value=below, form="{:.0f} %", **known)
+    yield estimate(of=f"{of}: draws below the baseline", value=below, form="{:.0f} %")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ from analysis.statistics.tests import holm
 from benchmarks.found.bundles import sweep
 from benchmarks.found.estimates import AFTERWARDS, OUTCOME, PLANNED, Estimate, ratio
 from benchmarks.found.records import ARMS, BASELINE
+from tacevo.rounding import significant
 
 #: The arms of the ablation by proposals, by what they are.
 NAMES = {
@@ -37,8 +39,8 @@ def _quartiles(name: str) -> pd.DataFrame:
 def claude_or_grammar() -> Estimate:
     """Return how Claude's proposals compare with the grammar's."""
     logs = _quartiles("claude-vs-grammar")
-    known = {"unit": "seeds", "bundle": "claude-vs-grammar", "fixed": OUTCOME}
-    return ratio("Claude / grammar", logs["none"] - logs["llm_vs_grammar"], **known)
+    apart = logs["none"] - logs["llm_vs_grammar"]
+    return ratio("Claude / grammar", apart, unit="seeds", bundle="claude-vs-grammar", fixed=OUTCOME)
 
 
 def model_drawn() -> Iterator[Estimate]:
@@ -81,7 +83,7 @@ def ablation_drawn() -> Iterator[Estimate]:
     tests = sweep("ablation-proposals").contrasts("new_quartile")
     for arm, name in NAMES.items():
         row = ratio(name, logs[arm] - logs["none"], unit="seeds", bundle="ablation-proposals", fixed=OUTCOME)
-        yield replace(row, beside=f"{tests.p_holm[arm]:.2g}")
+        yield replace(row, beside=significant(float(tests.p_holm[arm]), 2))
 
 
 def ablation_written() -> Iterator[Estimate]:
@@ -89,22 +91,14 @@ def ablation_written() -> Iterator[Estimate]:
     logs = _quartiles("ablation-proposals")
     tests = sweep("ablation-proposals").contrasts("new_quartile")
     paired = [float(wilcoxon(logs[arm] - logs["none"]).pvalue) for arm in NAMES]
+    estimate = partial(Estimate, bundle="ablation-proposals", count=len(logs), unit="searches an arm")
     for (arm, name), p, corrected in zip(NAMES.items(), paired, holm(paired), strict=True):
-        known = {"bundle": "ablation-proposals", "count": len(logs), "unit": "searches an arm"}
-        p_holm = float(tests.p_holm[arm])
-        yield Estimate(of=f"{name}: p after Holm, Mann-Whitney", value=p_holm, form="{:.2g}", fixed=PLANNED, **known)
-        of = {"p of pairs, Wilcoxon": p, "p of pairs after Holm, Wilcoxon": corrected}
-        for what, value in of.items():
-            yield Estimate(of=f"{name}: {what}", value=value, form="{:.2g}", fixed=AFTERWARDS, **known)
-        ends = tests.by_seed_low[arm], tests.by_seed_high[arm]
-        yield Estimate(
-            of=f"{name}: median difference by seed",
-            value=tests.by_seed[arm],
-            ends=ends,
-            form="{:.3f}",
-            fixed=AFTERWARDS,
-            **known,
-        )
+        planned, of = float(tests.p_holm[arm]), f"{name}: p after Holm"
+        yield estimate(of=f"{of}, Mann-Whitney", value=planned, form="{:.2g}", fixed=PLANNED)
+        yield estimate(of=f"{name}: p of pairs, Wilcoxon", value=p, form="{:.2g}", fixed=AFTERWARDS)
+        yield estimate(of=f"{of} of pairs, Wilcoxon", value=corrected, form="{:.2g}", fixed=AFTERWARDS)
+        ends, of = (tests.by_seed_low[arm], tests.by_seed_high[arm]), f"{name}: median difference by seed"
+        yield estimate(of=of, value=tests.by_seed[arm], ends=ends, form="{:.3f}", fixed=AFTERWARDS)
 
 
 def words_drawn() -> Iterator[Estimate]:
@@ -120,7 +114,7 @@ def words_drawn() -> Iterator[Estimate]:
                 bundle="words-temperature",
                 fixed=PLANNED,
                 form="{:.3f}",
-                beside=f"{one.operations_p_holm:.2g}",
+                beside=significant(one.operations_p_holm, 2),
             )
 
 
@@ -156,9 +150,8 @@ def telling_drawn() -> Iterator[Estimate]:
 
 def _factor(of: str, row: pd.Series, *, bundle: str) -> Estimate:
     """Return the factor of an arm of pairs."""
-    ends = row.factor_low, row.factor_high
-    known = {"count": int(row.questions), "unit": "questions", "bundle": bundle, "fixed": PLANNED}
-    return Estimate(of=of, value=row.factor, ends=ends, **known)
+    ends, questions = (row.factor_low, row.factor_high), int(row.questions)
+    return Estimate(of=of, value=row.factor, ends=ends, count=questions, unit="questions", bundle=bundle, fixed=PLANNED)
 
 
 def children() -> Estimate:
@@ -171,56 +164,53 @@ def children() -> Estimate:
 def operator_drawn() -> Iterator[Estimate]:
     """Yield how parents compare, how their children do, and each child with its parent."""
     asked = _asked()
-    by_question = asked.drop(columns="parent").groupby("question").mean()
-    known = {"unit": "questions", "bundle": "operator-or-search"}
-    parents = by_question.selected_parent - by_question.parents_parent
-    yield ratio("parents: elites / first mutations", parents, fixed=AFTERWARDS, **known)
+    logs = asked.drop(columns="parent").groupby("question").mean()
+    estimate = partial(ratio, unit="questions", bundle="operator-or-search")
+    parents = logs.elite - logs.mutation
+    yield estimate("parents: elites / first mutations", parents, fixed=AFTERWARDS)
     yield children()
-    gained = by_question.selected - by_question.parents - parents
-    yield ratio("second ratio / first ratio", gained, fixed=AFTERWARDS, **known)
-    of_first = by_question.parents - by_question.parents_parent
-    yield ratio("child of a first mutation / its parent", of_first, fixed=OUTCOME, **known)
-    of_elites = by_question.selected - by_question.selected_parent
-    yield ratio("child of an elite / its parent", of_elites, fixed=OUTCOME, **known)
+    gained = logs.child_of_elite - logs.child_of_mutation - parents
+    yield estimate("second ratio / first ratio", gained, fixed=AFTERWARDS)
+    yield estimate("child of a first mutation / its parent", logs.child_of_mutation - logs.mutation, fixed=OUTCOME)
+    yield estimate("child of an elite / its parent", logs.child_of_elite - logs.elite, fixed=OUTCOME)
 
 
 def operator_written() -> Iterator[Estimate]:
     """Yield the children that have their parent's very loss, and the children's ratio otherwise counted."""
-    asked = _asked()
-    known = {"bundle": "operator-or-search", "fixed": AFTERWARDS}
-    equal = {arm: asked[arm] == asked[f"{arm}_parent"] for arm in ("selected", "parents")}
+    estimate = partial(Estimate, bundle="operator-or-search", fixed=AFTERWARDS)
     for arm, of in (("selected", "elites"), ("parents", "first mutations")):
-        losses = _children(arm)
-        same = int((losses.loss == losses.parent_loss).sum())
-        of_all = {"count": len(losses), "unit": "children", "form": f"{{:.0f}} of {len(losses)}"}
-        yield Estimate(of=f"children of {of} with exactly their parent's loss", value=same, **of_all, **known)
-    logs = asked.selected - asked.parents
+        born = _children(arm)
+        same, form = int((born.loss == born.parent_loss).sum()), f"{{:.0f}} of {len(born)}"
+        named = f"children of {of} with exactly their parent's loss"
+        yield estimate(of=named, value=same, form=form, count=len(born), unit="children")
+    asked = _asked()
+    apart = asked.child_of_elite - asked.child_of_mutation
+    again = partial(ratio, bundle="operator-or-search", fixed=AFTERWARDS)
     of = "children: of elites / of first mutations"
-    yield ratio(f"{of}, by the parent's place", logs.groupby(asked.parent).mean(), unit="places of parents", **known)
-    others = logs[~(equal["selected"] | equal["parents"])]
-    others = others.groupby(asked.question[others.index]).mean()
-    yield ratio(f"{of}, without children that have their parent's loss", others, unit="questions", **known)
+    yield again(f"{of}, by the parent's place", apart.groupby(asked.parent).mean(), unit="places of parents")
+    is_copy = (asked.child_of_elite == asked.elite) | (asked.child_of_mutation == asked.mutation)
+    yield again(f"{of}, without pairs in which a child has its parent's loss", apart[~is_copy], unit="pairs")
 
 
 def _children(arm: str) -> pd.DataFrame:
-    """Return the children of an arm by slot: question, parent's place, and the logarithms of both losses."""
+    """Return the children of an arm by slot: question, the parent's place, and the logarithms of both losses."""
     compared = sweep("operator-or-search")
     (job,) = compared.jobs.index[compared.jobs.arm == f"search.networks=[{arm}]"]
     candidates = compared.run(str(job)).candidates
     losses = np.log(candidates.fitness)
-    own = candidates[candidates.generation == 1].set_index("slot", drop=False)
-    parent = own.parents.map(lambda parents: parents[0])
-    question = parent + ": " + own.instruction.astype(str)
-    of_parent = losses[parent].to_numpy()
-    logs = losses[candidates.generation == 1].to_numpy()
-    return pd.DataFrame({"question": question, "parent": parent, "loss": logs, "parent_loss": of_parent})
+    born = candidates[candidates.generation == 1]
+    parent = born.parents.map(lambda parents: parents[0])
+    found = {"parent": parent, "loss": losses[born.index], "parent_loss": losses[parent].to_numpy()}
+    return pd.DataFrame({"question": parent + ": " + born.instruction.astype(str), **found}).set_index(born.slot)
 
 
 def _asked() -> pd.DataFrame:
-    """Return by slot what both arms answered to one question: logarithms of losses of children and parents."""
-    first, elites = _children("parents"), _children("selected")
-    both = first.join(elites, rsuffix="_of_elites", how="inner")
-    both = both[(both.question == both.question_of_elites) & (both.parent != BASELINE)]  # of it both were asked the same
-    names = {"loss": "parents", "parent_loss": "parents_parent"}
-    names |= {"loss_of_elites": "selected", "parent_loss_of_elites": "selected_parent"}
+    """Return by slot what both arms answered to one question: logarithms of losses of children and parents.
+
+    Of the baseline, a parent in both arms, they were asked the same, and have one answer.
+    """
+    both = _children("parents").join(_children("selected"), rsuffix="_of_elite", how="inner")
+    both = both[(both.question == both.question_of_elite) & (both.parent != BASELINE)]
+    names = {"loss": "child_of_mutation", "parent_loss": "mutation"}
+    names |= {"loss_of_elite": "child_of_elite", "parent_loss_of_elite": "elite"}
     return both.rename(columns=names)[["question", "parent", *names.values()]]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pandas as pd
@@ -16,8 +16,8 @@ from benchmarks.found.estimates import AFTERWARDS, RANGE, Estimate, ratio
 ARMS = {"none": "the method (none)", "drift": "random parents (drift)"}
 
 #: The searches whose winners were trained again, by the fitness of each, and how often they were.
-SHORT = "16 searches: 10 epochs, the lowest loss is the fitness; 2 other seeds"
-LONG = "2 longer searches: 6 epochs, the last loss is the fitness; 20 other seeds"
+SHORT = "16 searches, 10 epochs, fitness: lowest loss"
+LONG = "2 searches, 6 epochs, fitness: last loss"
 
 #: The baseline in every search.
 BASELINE = "g00s00"
@@ -113,28 +113,21 @@ def drawn() -> Iterator[Estimate]:
 def written() -> Iterator[Estimate]:
     """Yield what the page says beside its picture."""
     short = [one for one in winners() if one.group == SHORT]
+    of_short = partial(Estimate, bundle="ablation-elites", fixed=AFTERWARDS, count=len(short), unit="searches")
     below = sum(one.again[0].max() < one.again[1].min() for one in short)
-    of_short = {"bundle": "ablation-elites", "fixed": AFTERWARDS, "count": len(short), "unit": "searches"}
-    yield Estimate(
-        of="winners of which both trainings are below both of the baseline",
-        value=below,
-        form=f"{{:.0f}} of {len(short)}",
-        **of_short,
-    )
+    of = "winners of which both trainings are below both of the baseline"
+    yield of_short(of=of, value=below, form=f"{{:.0f}} of {len(short)}")
     parts = {
-        "improvement (1 - loss / baseline) that is left": [one.left for one in short],
-        "lead (baseline - loss) that is left": [one.lead_left for one in short],
+        "improvement (1 - loss / baseline) that is left": [100 * one.left for one in short],
+        "lead (baseline - loss) that is left": [100 * one.lead_left for one in short],
     }
     for of, values in parts.items():
-        percent = [100 * value for value in values]
-        ends = min(percent), max(percent)
-        middle = float(np.median(percent))
-        yield Estimate(of=f"median {of}", value=middle, ends=ends, interval=RANGE, form="{:.0f} %", **of_short)
+        ends, middle = (min(values), max(values)), float(np.median(values))
+        yield of_short(of=f"median {of}", value=middle, ends=ends, interval=RANGE, form="{:.0f} %")
     for one in winners():
         if one.group == LONG:
-            known = {"bundle": one.bundle, "fixed": AFTERWARDS, "count": len(one.again[0]), "unit": "seeds each"}
+            of_long = partial(Estimate, bundle=one.bundle, fixed=AFTERWARDS, count=len(one.again[0]), unit="seeds each")
             chance = superiority(one.again[0], one.again[1])
             of = f"{one.search}: chance that one training of it beats one of the baseline"
-            yield Estimate(of=of, value=chance.estimate, ends=(chance.low, chance.high), **known)
-            of = f"{one.search}: improvement that is left"
-            yield Estimate(of=of, value=100 * one.left, form="{:.0f} %", **known)
+            yield of_long(of=of, value=chance.estimate, ends=(chance.low, chance.high))
+            yield of_long(of=f"{one.search}: improvement that is left", value=100 * one.left, form="{:.0f} %")

@@ -7,29 +7,24 @@ benchmarks/found computes the figures. Nearly every one is a ratio of losses wit
 compared: left of the line the first of the two, or the network beside the baseline, has the lower loss.
 """
 
-import contextlib
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
-from analysis.figures.style import BLACK, BLUE, GREY, VERMILLION, house_style, new_figure, render
+from analysis.figures.style import BLACK, BLUE, GREY, PAGE, VERMILLION, house_style, new_figure, render
 from analysis.sweeps.pairs import LEAST
 from benchmarks.found.estimates import Estimate, as_csv
 from benchmarks.found.pages import DRAWN, WRITTEN
 from benchmarks.found.records import LONG, SHORT, pooled, winners
 
-#: Points of letters: 12 pixels where a page shows a picture 720 pixels wide.
-LETTERS = 8.6
-
-#: Inches of a row, and of what is above and below all rows.
-ROW, FRAME = 0.215, 0.85
+#: Inches of a row, of what is above and below all rows, and of each further line below them.
+ROW, FRAME, LINE = 0.215, 0.7, 0.14
 
 #: Points that a letter of a column of numbers needs.
 _WIDTH = 5.2
@@ -37,16 +32,12 @@ _WIDTH = 5.2
 #: Where the axis of ratios may have ticks: few over a wide range, more over a narrow one.
 TICKS = (
     (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0),
-    (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6, 2.0),
+    (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.6, 2.0),
 )
 
 
-@contextlib.contextmanager
-def page_style() -> Iterator[None]:
-    """Draw in the house style, with letters for a page instead of a column of a paper; also a decorator."""
-    sizes = ("font.size", "axes.labelsize", "legend.fontsize", "xtick.labelsize", "ytick.labelsize")
-    with house_style(), rc_context(dict.fromkeys(sizes, LETTERS)):
-        yield
+#: What a hollow point says, below a picture that has one.
+HOLLOW = f"hollow: not clear of the line, or fewer than {LEAST} values"
 
 
 class Line(NamedTuple):
@@ -56,10 +47,14 @@ class Line(NamedTuple):
     name: str
 
 
-BASELINE = Line(1, "baseline = 1")
+BASELINE, EQUAL = Line(1, "baseline = 1"), Line(1, "no difference = 1")
+
+#: How a ratio of losses is read, of two things and beside the baseline.
+OF_TWO = "first loss / second loss: left of the line the first one is better"
+OF_BASELINE = "test loss / baseline's: left of the line better than the baseline"
 
 
-@page_style()
+@house_style(PAGE)
 def forest(
     rows: Sequence[Estimate], label: str, *, line: Line = BASELINE, head: str = "ratio [95 %]", beside: str = ""
 ) -> Figure:
@@ -70,22 +65,28 @@ def forest(
     """
     groups = [row.group for row in rows]
     places, headings = _places(groups)
-    figure, axes = _frame(places[-1] + 1, label)
-    for place, row in zip(places, rows, strict=True):
+    clear = [row.count >= LEAST and not _holds(row, line.at) for row in rows]
+    figure, axes = _frame(places[-1] + 1, label if all(clear) else f"{label}\n{HOLLOW}")
+    for place, row, is_clear in zip(places, rows, clear, strict=True):
         low, high = row.ends or (row.value, row.value)
-        clear = row.count >= LEAST and not low <= line.at <= high
         axes.plot([low, high], [place, place], color=BLUE, solid_capstyle="butt")
-        axes.plot(row.value, place, "o", color=BLUE, markerfacecolor=BLUE if clear else "white", markersize=5)
+        axes.plot(row.value, place, "o", color=BLUE, markerfacecolor=BLUE if is_clear else "white", markersize=5)
     if line.at:
         ends = [end for row in rows for end in row.ends or ()]
         _ratios(axes, min(*ends, line.at), max(*ends, line.at))
     _reference(axes, line)
     _rows(axes, dict(zip(places, (row.of for row in rows), strict=True)), headings)
-    columns = {head: [str(row) for row in rows], "of": [f"{row.count} {row.unit}" for row in rows]}
+    columns = {head: [str(row) for row in rows], "n": [f"{row.count} {row.unit}" for row in rows]}
     if beside:
         columns[beside] = [row.beside for row in rows]
     _columns(axes, places, columns)
     return figure
+
+
+def _holds(row: Estimate, value: float) -> bool:
+    """Return whether the interval of a row holds a value."""
+    low, high = row.ends or (row.value, row.value)
+    return low <= value <= high
 
 
 def _places(groups: Sequence[str]) -> tuple[list[int], dict[int, str]]:
@@ -105,7 +106,7 @@ def _places(groups: Sequence[str]) -> tuple[list[int], dict[int, str]]:
 
 def _frame(rows: int, label: str) -> tuple[Figure, Axes]:
     """Begin a picture of so many rows."""
-    figure, (axes,) = new_figure("double", FRAME + ROW * rows)
+    figure, (axes,) = new_figure("double", FRAME + ROW * rows + LINE * label.count("\n"))
     axes.set(ylim=(rows - 0.5, -0.6), xlabel=label)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", color="#DDDDDD")
@@ -124,9 +125,11 @@ def _ratios(axes: Axes, low: float, high: float) -> None:
 
 
 def _reference(axes: Axes, line: Line) -> None:
-    """Draw the line of no difference, with its name above it."""
+    """Draw the line of no difference, with its name above it, left of it where it is far right."""
     axes.axvline(line.at, color=BLACK, linewidth=0.8, zorder=0)
-    axes.text(line.at, 1.02, line.name, transform=axes.get_xaxis_transform(), ha="center", va="bottom")
+    across = axes.transAxes.inverted().transform(axes.transData.transform((line.at, 0)))[0]
+    side = "right" if across > 0.7 else "center"
+    axes.annotate(line.name, (line.at, -1), ha=side, va="center", annotation_clip=False)
 
 
 def _rows(axes: Axes, names: dict[int, str], headings: dict[int, str]) -> None:
@@ -140,7 +143,7 @@ def _rows(axes: Axes, names: dict[int, str], headings: dict[int, str]) -> None:
         )  # fmt: skip
 
 
-def _columns(axes: Axes, places: Sequence[int], columns: dict[str, Sequence[str]]) -> None:
+def _columns(axes: Axes, places: Sequence[int], columns: Mapping[str, Sequence[str]]) -> None:
     """Write columns of text right of the axis, each below its name."""
     left = 8.0
     for name, texts in columns.items():
@@ -154,11 +157,10 @@ def _columns(axes: Axes, places: Sequence[int], columns: dict[str, Sequence[str]
 
 def summary() -> Figure:
     """Draw what was found, a row or two a question."""
-    label = "first loss / second loss: left of the line the first one is better"
-    return forest([*DRAWN["summary"]()], label, line=Line(1, "no difference = 1"))
+    return forest([*DRAWN["summary"]()], OF_TWO, line=EQUAL)
 
 
-@page_style()
+@house_style(PAGE)
 def records() -> Figure:
     """Draw what is left of a record with other training seeds, a row a search."""
     groups = [sorted((one for one in winners() if one.group == group), key=lambda one: one.with_other_seeds)
@@ -167,8 +169,8 @@ def records() -> Figure:
     short, long = groups
     places, headings = _places([*(one.group for one in short), SHORT, *(one.group for one in long)])
     figure, axes = _frame(places[-1] + 1, "best network's validation loss / baseline's: left is better")
-    of_mean = places.pop(len(short))
-    for place, one in zip(places, (*short, *long), strict=True):
+    of_mean, of_searches = places[len(short)], places[: len(short)] + places[len(short) + 1 :]
+    for place, one in zip(of_searches, (*short, *long), strict=True):
         marker = "o" if one.group == SHORT else "s"
         axes.plot([one.on_record, one.with_other_seeds], [place, place], color=GREY, zorder=1)
         axes.plot(one.on_record, place, marker, color=BLUE, markerfacecolor="white", markersize=4.5)
@@ -178,13 +180,13 @@ def records() -> Figure:
     axes.plot(of_all.value, of_mean, "D", color=BLACK, markersize=4.5)
     _ratios(axes, min(one.on_record for one in winners()), 1)
     _reference(axes, BASELINE)
-    names = {place: one.search for place, one in zip(places, (*short, *long), strict=True)}
-    _rows(axes, names | {of_mean: "mean of all 16, 95 %"}, headings)
-    _columns(axes, places, {
-        "on record": [f"{one.on_record:.2f}" for one in (*short, *long)],
-        "other seeds": [f"{one.with_other_seeds:.2f}" for one in (*short, *long)],
-    })  # fmt: skip
-    _columns(axes, [of_mean], {"": [""], " ": [str(of_all)]})
+    named = {place: one.search for place, one in zip(of_searches, (*short, *long), strict=True)}
+    _rows(axes, named | {of_mean: "mean of all 16 [95 %]"}, headings)
+    texts = {place: (f"{one.on_record:.2f}", f"{one.with_other_seeds:.2f}")
+             for place, one in zip(of_searches, (*short, *long), strict=True)}  # fmt: skip
+    texts[of_mean] = ("", str(of_all))
+    on_record, again = zip(*texts.values(), strict=True)
+    _columns(axes, [*texts], {"on record": on_record, "other seeds": again})
     axes.plot([], [], "o", color=BLUE, markerfacecolor="white", label="on record: one training")
     axes.plot([], [], "o", color=BLUE, label="median of 2 other seeds")
     axes.plot([], [], "s", color=BLUE, label="of 20")
@@ -194,10 +196,10 @@ def records() -> Figure:
 
 def ends() -> Figure:
     """Draw test losses beside the baseline's, after six epochs and after training to the end."""
-    return forest([*DRAWN["ends"]()], "test loss / baseline's: left of the line better than the baseline")
+    return forest([*DRAWN["ends"]()], OF_BASELINE)
 
 
-@page_style()
+@house_style(PAGE)
 def model_or_grammar() -> Figure:
     """Draw what a quarter of the proposals of each search reach: a point a search."""
     arms: dict[str, list[float]] = {}
@@ -215,15 +217,16 @@ def model_or_grammar() -> Figure:
 
 def ablation() -> Figure:
     """Draw the arms of the ablation against the method as published."""
-    label = "loss that a quarter of the proposals reach / the method's, by seed:\nleft of the line better than the method"
+    label = (
+        "loss that a quarter of the proposals reach / the method's, by seed:\nleft of the line better than the method"
+    )
     line = Line(1, "the method (none) = 1")
-    return forest([*DRAWN["ablation"]()], label, line=line, beside="planned p")
+    return forest([*DRAWN["ablation"]()], label, line=line, beside="p, Holm")
 
 
 def paper_networks() -> Figure:
     """Draw the test losses of the paper's networks, rebuilt."""
-    label = "test loss / baseline's: left of the line better than the baseline"
-    return forest([*DRAWN["paper_networks"]()], label, beside="planned test")
+    return forest([*DRAWN["paper_networks"]()], OF_BASELINE, beside="verdict, Holm")
 
 
 def telling() -> Figure:
@@ -234,19 +237,18 @@ def telling() -> Figure:
 
 def operator() -> Figure:
     """Draw how good parents and children are beside others, and beside each other."""
-    label = "first loss / second loss: left of the line the first one is better"
-    return forest([*DRAWN["operator"]()], label, line=Line(1, "no difference = 1"))
+    return forest([*DRAWN["operator"]()], OF_TWO, line=EQUAL)
 
 
 def by_hand() -> Figure:
     """Draw the test losses of two edits by hand on three sets of images."""
-    return forest([*DRAWN["by_hand"]()], "test loss after 70 epochs / baseline's: left of the line better than the baseline")
+    return forest([*DRAWN["by_hand"]()], OF_BASELINE)
 
 
 def words() -> Figure:
     """Draw how much farther two answers to one question lie apart, by the sentence that carries the temperature."""
     rows = [*DRAWN["words"]()]
-    label = "distance of two answers' operations, less that with the first sentence: right is more diverse"
+    label = "distance of two answers, less that with the first sentence:\nright of the line they are more diverse"
     line = Line(0, "change one thing = 0")
     return forest(rows, label, line=line, head="difference [95 %]", beside="p, Holm")
 
