@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from analysis.statistics.effects import mean_with_interval
@@ -64,17 +64,15 @@ def ratio(of: str, logarithms: Iterable[float], *, unit: str, bundle: str, fixed
 COLUMNS = ("page", "picture", "of", "printed", "estimate", "low", "high", "interval", "n", "unit", "bundle", "fixed")
 
 
-def as_csv(drawn: Mapping[str, Sequence[Estimate]], written: Mapping[str, Sequence[Estimate]]) -> bytes:
-    """Write all figures as a table: those that a picture shows by the picture's name, and those of a page's text alone.
+def as_csv(pages: Iterable[tuple[str, str, Iterable[Estimate]]]) -> bytes:
+    """Write figures as a table, from page, picture and rows; of what stands in the text alone there is no picture.
 
     Numbers have four significant digits, which do not depend on the CPU.
     """
     out = io.StringIO()
     table = csv.writer(out, lineterminator="\n")
     table.writerow(COLUMNS)
-    for page in dict.fromkeys([*drawn, *written]):
-        for picture, rows in ((f"{page}.svg", drawn.get(page, ())), ("", written.get(page, ()))):
-            table.writerows(_line(page, picture, row) for row in rows)
+    table.writerows(_line(page, picture, row) for page, picture, rows in pages for row in rows)
     return out.getvalue().encode()
 
 

@@ -1,10 +1,10 @@
-"""All figures, by the page of docs/found on which they stand."""
+"""All figures, by the picture of docs/found that shows them, or the page that says them."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from benchmarks.found import ends, networks, proposals, records
-from benchmarks.found.estimates import Estimate
+from benchmarks.found.estimates import Estimate, as_csv
 
 
 def summary() -> Iterator[Estimate]:
@@ -32,7 +32,7 @@ def _row(question: str, of: str, one: Estimate) -> Estimate:
 
 Rows = Callable[[], Iterable[Estimate]]
 
-#: What each picture shows, by its page and file.
+#: What each picture shows, by its name.
 DRAWN: dict[str, Rows] = {
     "summary": summary,
     "records": records.drawn,
@@ -46,7 +46,7 @@ DRAWN: dict[str, Rows] = {
     "words": proposals.words_drawn,
 }
 
-#: What the text of a page says beside its picture.
+#: What the text of a page says beside its picture, by the name of the picture.
 WRITTEN: dict[str, Rows] = {
     "records": records.written,
     "ends": ends.written,
@@ -55,3 +55,15 @@ WRITTEN: dict[str, Rows] = {
     "operator": proposals.operator_written,
     "words": proposals.words_written,
 }
+
+#: The pages with another name than their picture.
+PAGES = {"summary": "README", "model_or_grammar": "model"}
+
+
+def table() -> bytes:
+    """Return all figures as a table, `figures.csv`."""
+    return as_csv(
+        (f"{PAGES.get(name, name)}.md", picture, rows())
+        for name in DRAWN
+        for picture, rows in ((f"{name}.svg", DRAWN[name]), ("", WRITTEN.get(name, tuple)))
+    )

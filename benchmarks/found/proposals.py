@@ -27,6 +27,9 @@ NAMES = {
 #: What the words of a temperature are, by its number, and which of them the others are compared with.
 SENTENCES = {"0.1": "change one thing", "0.5": "the third sentence", "0.9": "depart boldly"}
 
+#: Below it a p is called a difference, and other tests of the same arm are listed, too.
+LEVEL = 0.05
+
 #: The arm of pairs in which nothing is told, and that of children of first mutations.
 UNTOLD, PARENTS = "prompts.tells=[]", "search.networks=[parents]"
 
@@ -95,10 +98,11 @@ def ablation_written() -> Iterator[Estimate]:
     for (arm, name), p, corrected in zip(NAMES.items(), paired, holm(paired), strict=True):
         planned, of = float(tests.p_holm[arm]), f"{name}: p after Holm"
         yield estimate(of=f"{of}, Mann-Whitney", value=planned, form="{:.2g}", fixed=PLANNED)
-        yield estimate(of=f"{name}: p of pairs, Wilcoxon", value=p, form="{:.2g}", fixed=AFTERWARDS)
-        yield estimate(of=f"{of} of pairs, Wilcoxon", value=corrected, form="{:.2g}", fixed=AFTERWARDS)
-        ends, of = (tests.by_seed_low[arm], tests.by_seed_high[arm]), f"{name}: median difference by seed"
-        yield estimate(of=of, value=tests.by_seed[arm], ends=ends, form="{:.3f}", fixed=AFTERWARDS)
+        if planned < LEVEL:
+            yield estimate(of=f"{name}: p of pairs, Wilcoxon", value=p, form="{:.2g}", fixed=AFTERWARDS)
+            yield estimate(of=f"{of} of pairs, Wilcoxon", value=corrected, form="{:.2g}", fixed=AFTERWARDS)
+            ends, of = (tests.by_seed_low[arm], tests.by_seed_high[arm]), f"{name}: median difference by seed"
+            yield estimate(of=of, value=tests.by_seed[arm], ends=ends, form="{:.3f}", fixed=AFTERWARDS)
 
 
 def words_drawn() -> Iterator[Estimate]:
@@ -209,7 +213,7 @@ def _asked() -> pd.DataFrame:
 
     Of the baseline, a parent in both arms, they were asked the same, and have one answer.
     """
-    both = _children("parents").join(_children("selected"), rsuffix="_of_elite", how="inner")
+    both = _children("parents").join(_children("selected").add_suffix("_of_elite"), how="inner")
     both = both[(both.question == both.question_of_elite) & (both.parent != BASELINE)]
     names = {"loss": "child_of_mutation", "parent_loss": "mutation"}
     names |= {"loss_of_elite": "child_of_elite", "parent_loss_of_elite": "elite"}

@@ -129,5 +129,5 @@ def written() -> Iterator[Estimate]:
             of_long = partial(Estimate, bundle=one.bundle, fixed=AFTERWARDS, count=len(one.again[0]), unit="seeds each")
             chance = superiority(one.again[0], one.again[1])
             of = f"{one.search}: chance that one training of it beats one of the baseline"
-            yield of_long(of=of, value=chance.estimate, ends=(chance.low, chance.high))
+            yield of_long(of=of, value=chance.estimate, ends=(chance.low, chance.high), form="{:.3f}")
             yield of_long(of=f"{one.search}: improvement that is left", value=100 * one.left, form="{:.0f} %")

@@ -19,8 +19,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from analysis.figures.style import BLACK, BLUE, GREY, PAGE, VERMILLION, house_style, new_figure, render
 from analysis.sweeps.pairs import LEAST
-from benchmarks.found.estimates import Estimate, as_csv
-from benchmarks.found.pages import DRAWN, WRITTEN
+from benchmarks.found.estimates import Estimate
+from benchmarks.found.pages import DRAWN, table
 from benchmarks.found.records import LONG, SHORT, pooled, winners
 
 #: Inches of a row, of what is above and below all rows, and of each further line below them.
@@ -268,19 +268,13 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-def figures() -> bytes:
-    """Return all figures as a table, `figures.csv`."""
-    drawn = {name: [*rows()] for name, rows in DRAWN.items()}
-    return as_csv(drawn, {name: [*rows()] for name, rows in WRITTEN.items()})
-
-
 def main(place: str) -> None:
     """Write all pictures and the table into a directory."""
     folder = Path(place)
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in PICTURES.items():
         (folder / f"{name}.svg").write_bytes(render(draw(), ".svg"))
-    (folder / "figures.csv").write_bytes(figures())
+    (folder / "figures.csv").write_bytes(table())
 
 
 if __name__ == "__main__":
