@@ -29,7 +29,7 @@ class Handed(NamedTuple):
 #: The searches after 70 epochs.
 SEARCHES = tuple(Handed("ablation-elites", arm, of) for arm, of in ARMS.items())
 
-#: The control without a search; its rows are there once its sweep is published.
+#: The control without a search; its row is there once its sweep is published.
 CONTROL = Handed("first-mutations", None, "first mutations, no search")
 
 #: What a search hands over after 70 epochs.
@@ -98,17 +98,16 @@ def _by_seed(field: str) -> list[float]:
     return [float(np.mean([getattr(arm[seed], field) for arm in both])) for seed in both[0]]
 
 
-def of_one() -> Iterator[Estimate]:
-    """Yield what the chosen network of each kind of search is worth, the method first."""
-    return _of_arms("of_one")
+def of_arms(field: str) -> Iterator[Estimate]:
+    """Yield one thing that is known of each arm's searches as a ratio, the method first."""
+    for each in SEARCHES:
+        yield _row(each, field, AFTERWARDS)
 
 
-def _of_arms(field: str) -> Iterator[Estimate]:
-    """Yield one thing that is known of each kind of search as a ratio, over its searches."""
-    for each in (*SEARCHES, *([CONTROL] if place_of(CONTROL.bundle) else [])):
-        values = [getattr(one, field) for one in of_searches(each).values()]
-        fixed = PLANNED if each == CONTROL else AFTERWARDS
-        yield ratio(each.of, values, unit="searches", bundle=each.bundle, fixed=fixed)
+def _row(handed: Handed, field: str, fixed: str) -> Estimate:
+    """Return one thing that is known of searches of one kind as a ratio."""
+    values = [getattr(one, field) for one in of_searches(handed).values()]
+    return ratio(handed.of, values, unit="searches", bundle=handed.bundle, fixed=fixed)
 
 
 def drawn() -> Iterator[Estimate]:
@@ -125,8 +124,10 @@ def drawn() -> Iterator[Estimate]:
         named = f"{'Claude' if by == 'claude' else 'the grammar'}'s {network_id}"
         row = ratio(named, logs, unit=_TRAININGS, bundle="grating-winners", fixed=PLANNED)
         yield replace(row, group="40 epochs, new images, 12 seeds")
-    for group, rows, both in ((MEAN, _of_arms("of_five"), mean_of_five()), (ONE, of_one(), one_of_five())):
-        yield from (replace(row, group=group) for row in (*rows, both))
+    for group, field, both in ((MEAN, "of_five", mean_of_five()), (ONE, "of_one", one_of_five())):
+        yield from (replace(row, group=group) for row in (*of_arms(field), both))
+    if place_of(CONTROL.bundle):
+        yield replace(_row(CONTROL, "of_one", PLANNED), group=ONE)
     (study,) = run("grating-chosen-48").studies
     names = {"chosen": "the method's g10s01, seed 0", "by_hand": "two edits by hand"}
     losses = against_baseline(study.scores)
