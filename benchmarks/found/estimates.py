@@ -47,11 +47,6 @@ class Estimate:
         low, high = (self.form.format(end).removesuffix(" %") for end in self.ends)
         return f"{said} [{low}, {high}]" if self.interval != RANGE else f"{said} ({low} to {high})"
 
-    @property
-    def is_clear_of_one(self) -> bool:
-        """Whether the interval does not hold 1."""
-        return self.ends is not None and not self.ends[0] <= 1 <= self.ends[1]
-
 
 def ratio(of: str, logarithms: Iterable[float], *, unit: str, bundle: str, fixed: str) -> Estimate:
     """Return the geometric mean of ratios with Student's interval of their logarithms."""

@@ -35,7 +35,6 @@ TICKS = (
     (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.6, 2.0),
 )
 
-
 #: What a hollow point says, below a picture that has one.
 HOLLOW = f"hollow: not clear of the line, or fewer than {LEAST} values"
 
