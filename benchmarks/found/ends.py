@@ -15,22 +15,23 @@ from benchmarks.found.bundles import ROOT, place_of, run, sweep
 from benchmarks.found.estimates import AFTERWARDS, PLANNED, Estimate, ratio
 from benchmarks.found.records import ARMS
 from benchmarks.handed_over import against_baseline, chosen, more_right
+from tacevo.storage.sweep_directory import SweepDirectory
 
 
 class Handed(NamedTuple):
     """Searches of one kind, each with a study of five networks."""
 
-    #: Their sweep, its arm (None where it has no other), and what they are.
+    #: Their sweep, its arm, and what they are.
     bundle: str
-    arm: str | None
+    arm: str
     of: str
 
 
 #: The searches after 70 epochs.
 SEARCHES = tuple(Handed("ablation-elites", arm, of) for arm, of in ARMS.items())
 
-#: The control without a search; its row is there once its sweep is published.
-CONTROL = Handed("first-mutations", None, "first mutations, no search")
+#: The control without a search.
+CONTROL = Handed("first-mutations", "none", "first mutations, no search")
 
 #: What a search hands over after 70 epochs.
 MEAN = "70 epochs, 2 seeds, 8 searches each: mean of five networks"
@@ -55,11 +56,11 @@ class OfSeed(NamedTuple):
 def of_searches(handed: Handed) -> dict[int, OfSeed]:
     """Return by seed what a search's five networks are worth, and what the one of them that is handed over is."""
     of, values = sweep(handed.bundle), {}
-    for job in of.jobs[of.jobs.arm == (handed.arm or of.arms[0])].itertuples():
-        one = of.run(str(job.Index))
+    for job in (job for job in SweepDirectory(of.place.folder).read().jobs if job.arm == handed.arm):
+        one = of.run(job.name)
         (study,) = (study for study in one.studies if not (study.is_noise or study.is_choice))
         losses = against_baseline(study.scores)
-        values[int(job.seed)] = OfSeed(
+        values[job.seed] = OfSeed(
             float(losses.to_numpy().mean()),
             float(np.mean([*chosen(study.scores)])),
             float(np.mean([*chosen(study.scores, more_right)])),
@@ -126,8 +127,7 @@ def drawn() -> Iterator[Estimate]:
         yield replace(row, group="40 epochs, new images, 12 seeds")
     for group, field, both in ((MEAN, "of_five", mean_of_five()), (ONE, "of_one", one_of_five())):
         yield from (replace(row, group=group) for row in (*of_arms(field), both))
-    if place_of(CONTROL.bundle):
-        yield replace(_row(CONTROL, "of_one", PLANNED), group=ONE)
+    yield replace(_row(CONTROL, "of_one", PLANNED), group=ONE)
     (study,) = run("grating-chosen-48").studies
     names = {"chosen": "the method's g10s01, seed 0", "by_hand": "two edits by hand"}
     losses = against_baseline(study.scores)
@@ -147,6 +147,11 @@ def written() -> Iterator[Estimate]:
     of = "one of five: searches whose network is below the baseline"
     yield estimate(of=of, value=sum(below), form=f"{{:.0f}} of {len(below)}", count=len(below), unit="searches")
     yield _pooled("one of five, both arms, chosen by re-estimates of ten epochs", "by_reestimates")
+    control = of_searches(CONTROL)
+    for each in SEARCHES:
+        logs = [control[seed].of_one - own.of_one for seed, own in of_searches(each).items()]
+        of = f"one of five: first mutations over {each.of}"
+        yield ratio(of, logs, unit="seeds", bundle=CONTROL.bundle, fixed=PLANNED)
     yield from _of_the_table()
 
 
