@@ -31,7 +31,7 @@ FIRST = (
     "tacevo search experiment=demo run.dir=runs/demo tracking=none",
     "tacevo replay runs/demo",
     "tacevo init shear --like force",
-    "tacevo init Mine --part parents",
+    "tacevo init mine --part parents",
 )
 
 #: The digest that FIRST's second and third command must end with, by the file that has it.

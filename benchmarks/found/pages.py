@@ -13,6 +13,7 @@ def summary() -> Iterator[Estimate]:
     yield _row("2", "mean of five, both arms / baseline", ends.mean_of_five())
     yield _row("2", "one chosen of five, both arms", ends.one_of_five())
     yield _row("2", "the same, the method alone", next(ends.of_arms("of_one")))
+    yield _row("2", "the same, without a search", ends.control())
     yield _row("3", "Claude's proposals / grammar's", proposals.claude_or_grammar())
     arms = {one.of: one for one in proposals.ablation_drawn()}
     yield _row("4", "random parents / the method", arms[proposals.NAMES["drift"]])
