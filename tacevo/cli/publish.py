@@ -8,7 +8,7 @@ from pathlib import Path
 from tacevo.api.pages import pages
 from tacevo.bundles.publish import publish
 from tacevo.bundles.readme import Terms
-from tacevo.cli.common import DONE, tell
+from tacevo.cli.common import DONE, TO_CITE, tell
 from tacevo.runs.progress import Progress
 from tacevo.text import counted, listed
 
@@ -50,6 +50,7 @@ def run_publish(
     tell(f"author: {listed(terms.authors, 'anonymous (--author NAME says who)')}")
     if done.test_labels:
         tell(f"the labels of {counted(done.test_labels, 'test image')} are in it")
-    tell(f"bundle digest: {done.digest} (of all its files; the one to cite, of the {done.subject.what}, stands last)")
+    tell(f"bundle digest: {done.digest} (of all its files)")
+    tell(f"cite:   {TO_CITE.format(done.subject.what)}")
     tell(f"digest: {done.subject.digest}")
     return DONE
