@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.patches import PathPatch
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import Formatter, Locator, MaxNLocator, NullFormatter, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
@@ -79,6 +80,21 @@ def name_coinciding(axes: Axes) -> None:
 def spread(place: float, count: int) -> NDArray[np.float64]:
     """Spread so many points evenly around a place, or one on it."""
     return place + (np.linspace(-_SPREAD, _SPREAD, count) if count > 1 else np.zeros(count))
+
+
+def name_point(axes: Axes, name: str, point: tuple[float, float], *, is_left: bool = False) -> None:
+    """Write a name beside a point, readable over lines and other points."""
+    axes.annotate(
+        name,
+        point,
+        xytext=(-4 if is_left else 4, 0),
+        textcoords="offset points",
+        ha="right" if is_left else "left",
+        va="center",
+        zorder=5,
+        path_effects=[withStroke(linewidth=1.8, foreground="white")],
+        parse_math=False,
+    )
 
 
 class RoundLogLocator(Locator):

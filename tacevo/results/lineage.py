@@ -48,7 +48,10 @@ def layer_changes(before: str, after: str) -> tuple[list[str], list[str]]:
 def _layers(source: str) -> Counter[str]:
     calls = [node for node in ast.walk(parse_python(source)) if isinstance(node, ast.Call) and _is_layer(node)]
     holding = {
-        id(call) for call in calls for node in ast.walk(call) if node is not call and isinstance(node, ast.Call)
+        id(call)
+        for call in calls
+        for node in ast.walk(call)
+        if node is not call and isinstance(node, ast.Call)
         if _is_layer(node)
     }
     calls.sort(key=lambda call: (call.lineno, call.col_offset))

@@ -62,8 +62,9 @@ class Progress:
             console=self._console,
             disable=not self._console.is_terminal,
         )
+        #: Each bar knows how many units were not made while it ran (`before`), and the seconds until the first (`idle`).
         self._tasks: dict[str, TaskID] = {}
-        self._clock = self._bars.add_task("at work", total=None, note="", **_fields(0))
+        self._clock = self._bars.add_task("at work", total=None, note="", before=0, idle=0.0)
         self._ended = threading.Event()
         self._silence = silence
         self._began = self._last = time.monotonic()
@@ -90,10 +91,10 @@ class Progress:
         enters no rate, nor does the time before the first that was made.
         """
         if what not in self._tasks:
-            self._tasks[what] = self._bars.add_task(what, total=total, completed=done, note=note, **_fields(done))
+            self._tasks[what] = self._bars.add_task(what, total=total, completed=done, note=note, before=done, idle=0.0)
         task = self._bars.tasks[self._tasks[what]]
         if done < task.completed:
-            self._bars.reset(task.id, completed=done, note=note, **_fields(done))
+            self._bars.reset(task.id, completed=done, note=note, before=done, idle=0.0)
         elif recalled:
             if task.completed == task.fields["before"]:  # nothing was made yet
                 task.fields["idle"] = task.elapsed or 0.0
@@ -123,11 +124,6 @@ class Progress:
         ahead = f"at work for {lasting(shown.elapsed or 0)}" if left is None else f"{lasting(left)} left"
         note = f", {shown.fields['note']}" if shown.fields["note"] else ""
         return f"{shown.description}: {shown.completed:.0f} of {shown.total:.0f}{note}, {ahead}"
-
-
-def _fields(done: int) -> dict[str, float]:
-    """Return what a bar knows beside its count: units that were not made while it ran, and seconds until the first."""
-    return {"before": done, "idle": 0.0}
 
 
 def _rate(task: Task) -> float | None:

@@ -25,7 +25,7 @@ def found(collection: Collection) -> list[str]:
     if again is None:
         baseline = run.baseline.fitness
         beside = "" if baseline is None else f" The baseline has {shown(baseline)}."
-        line = f"{best.id} has the lowest loss on record, {shown(best.fitness)}.{beside} These are single draws, not repeated."
+        line = f"{best.id} has the lowest loss on record, {shown(best.fitness)}.{beside} Single draws, not repeated."
     else:
         _, reference, median = again
         line = (

@@ -7,7 +7,7 @@ const COLOURS = {
     flops: { name: "FLOPs", value: (one) => one.flops },
 };
 
-const MAP = { width: 560, height: 500, left: 78, right: 20, top: 12, bottom: 44 };
+const MAP = { width: 560, height: 500, left: 84, right: 20, top: 12, bottom: 44 };
 
 // How far a mark stays within the frame.
 const EDGE = 4;
@@ -202,7 +202,7 @@ function drawMapAxes(svg, run, line) {
     const [across, up] = run.axes.map((name, axis) => [name, ...(run.directions[axis] ?? [])]);
     drawAxisName(axes.append("g"), across, [mapX(0), mapX(1)], [MAP.height - 6, MAP.height - 6]);
     // Upright there is less room, so what stands at the ends is nearer to the axis than its name.
-    if (up) drawAxisName(axes.append("g").attr("transform", "rotate(-90)"), up, [-mapY(0), -mapY(1)], [14, 32]);
+    if (up) drawAxisName(axes.append("g").attr("transform", "rotate(-90)"), up, [-mapY(0), -mapY(1)], [12, 29]);
 }
 
 // Write the name of an axis in its middle, and at its ends what low and high values mean, where that has words.
