@@ -172,12 +172,15 @@ def interval(
 
 
 def beside(axes: Axes, row: int, words: str) -> None:
-    """Write words to the right of a row of a forest plot; row -1 is its head."""
+    """Write words to the right of a row of a forest plot."""
     axes.text(_BESIDE, row, words, transform=axes.get_yaxis_transform(), va="center")
 
 
-def forest_axes(axes: Axes, rows: int, label: str, sides: tuple[str, str]) -> None:
-    """Complete a forest plot: the line of no difference, which always is in sight, and what lies at either side."""
+def forest_axes(axes: Axes, rows: int, label: str, sides: tuple[str, str], head: str) -> None:
+    """Complete a forest plot: the line of no difference, which always is in sight, and what lies at either side.
+
+    `head` stands above what is beside its rows.
+    """
     axes.axvline(0, color=BLACK, linewidth=0.8, zorder=1)
     low, high = axes.get_xlim()
     axes.set(ylim=(rows - 0.5, -0.5), xlabel=label, xlim=(low, high))
@@ -185,6 +188,7 @@ def forest_axes(axes: Axes, rows: int, label: str, sides: tuple[str, str]) -> No
     for place, side, words in (
         (0.0, "left", f"\N{LEFTWARDS ARROW} {sides[0]}"),
         (1.0, "right", f"{sides[1]} \N{RIGHTWARDS ARROW}"),
+        (_BESIDE, "left", head),
     ):
         axes.text(place, 1.02, words, transform=axes.transAxes, ha=side, va="bottom")
     axes.grid(axis="x", color="#DDDDDD")

@@ -105,11 +105,10 @@ def forest(study: RecordedStudy, comparisons: pd.DataFrame) -> Figure:
         colour, marker, is_filled = _VERDICTS[Verdict(one.verdict)]
         interval(axes, place, factor * one.difference, ends, colour=colour, marker=marker, is_filled=is_filled)
         beside(axes, place, f"{one.verdict}, p {p_in_words(deciding_p(one))}")
-    beside(axes, -1, "p after Holm")
     axes.set_yticks(range(len(comparisons)), [names[one] for one in comparisons.network], parse_math=False)
     where = "points of test accuracy" if study.primary in SHARES else f"test {metric_name(study.primary)}"
     better = ("better", "worse") if LOWER_IS_BETTER[study.primary] else ("worse", "better")
-    forest_axes(axes, len(comparisons), f"difference to the baseline, {where}", better)
+    forest_axes(axes, len(comparisons), f"difference to the baseline, {where}", better, "p after Holm")
     figure.legend(loc="outside lower center", handlelength=1.2)
     return figure
 

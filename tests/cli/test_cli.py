@@ -133,7 +133,8 @@ def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[s
         *(["show", "my runs/one", "g01s02"], ["replay", "my runs/one"]),
         ["noise", "my runs/one", "elites=2", "seeds=12"],
     ]
-    assert (lines[5], lines[7:]) == ("a remark", ["digest: d"])
+    assert (lines[5], lines[8:]) == ("a remark", ["digest: d"])
+    assert "search" in lines[7]  # whose digest it is
     print_end(replace(result, succeeded=False))  # nothing was found that could be trained again
     assert "noise" not in capsys.readouterr().out
 
