@@ -47,7 +47,7 @@ def run_replay(
             again = [_with_data(*pair) for pair in zip(done.runs, configs, strict=True)]
             told.append(_retrain(again, store, others, draw, view))
     cited = TO_CITE.format("search" if place.jobs is None else "sweep")
-    for text in [*told, _verdict(done), f"cite:   {cited}", f"digest: {digest_of(place, done)}"]:
+    for text in [*told, f"cite:   {cited}", _verdict(done), f"digest: {digest_of(place, done)}"]:
         tell(text)
     return DONE
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from tacevo.choices import Primary
-from tacevo.cli.common import DIFFERENT, DONE, TO_CITE, comparison, tell
+from tacevo.cli.common import DIFFERENT, DONE, comparison, tell
 from tacevo.config.chosen import part_of
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.conf_folder import check_experiment
@@ -89,12 +89,11 @@ def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     tell(result.summary)
     tell(f"read:   {result.directory / 'summary.md'}")
     tell(f"look:   {tacevo} show {run} {result.best}")
-    tell(f"verify: {tacevo} replay {run}")
+    tell(f"verify: {tacevo} replay {run}    # the digest of the search, to cite")
     for remark in remarks:
         tell(remark)
     if result.succeeded and not result.looked_up and is_there("tacevo.studies.noise"):
         tell(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
-    tell(f"cite:   {TO_CITE.format('search')}")
     tell(f"digest: {result.digest}")
 
 
