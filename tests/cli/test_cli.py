@@ -128,13 +128,12 @@ def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[s
     print_end(result, ["a remark"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["found", ""]
-    assert lines[2] == "read:   my runs/one/summary.md"
-    assert [shlex.split(line, comments=True)[2:] for line in (lines[3], lines[4], lines[6])] == [
+    assert lines[2] == "read:   my runs/one/summary.md (cite the digest of the search, below)"
+    assert [shlex.split(line)[2:] for line in (lines[3], lines[4], lines[6])] == [
         *(["show", "my runs/one", "g01s02"], ["replay", "my runs/one"]),
         ["noise", "my runs/one", "elites=2", "seeds=12"],
     ]
     assert (lines[5], lines[7:]) == ("a remark", ["digest: d"])
-    assert "digest of the search" in lines[4]  # which is to cite
     print_end(replace(result, succeeded=False))  # nothing was found that could be trained again
     assert "noise" not in capsys.readouterr().out
 

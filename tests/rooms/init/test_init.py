@@ -118,7 +118,7 @@ def test_task_lies_where_the_user_stands(
     assert contents(own).keys() >= {"task/shear.yaml", "library/shear/baseline.py"}
     assert contents(ROOT / "conf") == before
     lines = capsys.readouterr().out.splitlines()
-    verify, following = (shlex.split(line, comments=True)[2:] for line in lines if line.startswith(("verify:", "next:")))
+    verify, following = (shlex.split(line)[2:] for line in lines if line.startswith(("verify:", "next:")))
     assert main([*verify, "--image-size", "32"]) == 0
     assert main([*following[:1], "--cfg", "job", *following[1:]]) == 0
     assert "baseline: library/shear/baseline.py" in capsys.readouterr().out
