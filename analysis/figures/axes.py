@@ -188,7 +188,7 @@ def forest_axes(axes: Axes, rows: int, label: str, sides: tuple[str, str], head:
     for place, side, words in (
         (0.0, "left", f"\N{LEFTWARDS ARROW} {sides[0]}"),
         (1.0, "right", f"{sides[1]} \N{RIGHTWARDS ARROW}"),
-        (_BESIDE, "left", head),
+        (_BESIDE, "left", f"{head}\n"),  # a line above the sides, which it does not belong to
     ):
         axes.text(place, 1.02, words, transform=axes.transAxes, ha=side, va="bottom")
     axes.grid(axis="x", color="#DDDDDD")
