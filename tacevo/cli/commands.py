@@ -736,6 +736,7 @@ def report(
 def ablations(
     sweep: SweepPlace,
     *,
+    format: Sequence[Format] = FORMATS,
     output: Dir | None = None,
     reference: Annotated[str, Takes("ARM")] | None = None,
     store: Dir | None = None,
@@ -743,7 +744,7 @@ def ablations(
     """Compare the arms of a sweep: tables and figures.
 
     Compare the arms of a sweep by its finished jobs: print a table of them, and write all as .tex, .md and .csv, with
-    figures as .pdf.
+    figures as .pdf, .svg and .png.
 
     Examples:
       tacevo search -m experiment=demo ablation=none,drift seed=0,1
@@ -753,6 +754,7 @@ def ablations(
 
     Args:
         sweep: the directory or bundle of a sweep
+        format: of the figures' files (default: all three)
         output: where to write (default: SWEEP/ablations)
         reference: the arm to compare with (default: the one that the sweep states, or none)
         store: directory of the stores, if it was moved
@@ -761,7 +763,7 @@ def ablations(
     _reading(sweep)
     from tacevo.cli.figures import run_ablations
 
-    return run_ablations(sweep, place, reference, store)
+    return run_ablations(sweep, place, reference, formats=format, store=store)
 
 
 @command(interrupted="every written file is complete; run the same command again for the rest")

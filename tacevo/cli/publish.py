@@ -10,7 +10,7 @@ from tacevo.bundles.deposit import check_deposit, deposit
 from tacevo.bundles.publish import publish
 from tacevo.bundles.readme import Terms
 from tacevo.bundles.signing import sign_bundle, signature_of
-from tacevo.cli.common import DONE, tell
+from tacevo.cli.common import DONE, TO_CITE, tell
 from tacevo.runs.progress import Progress
 from tacevo.storage.signatures import checked_key
 from tacevo.text import counted, listed
@@ -64,6 +64,7 @@ def run_publish(
     if deposited is not None:
         files = deposit(Path(output), Path(deposited))
         tell(f"deposit: {deposited} ({listed(files)}); upload all of it, and write the DOI into {output}.doi")
-    tell(f"bundle digest: {done.digest} (of all its files; the one to cite, of the {done.subject.what}, stands last)")
+    tell(f"bundle digest: {done.digest} (of all its files)")
+    tell(f"cite:   {TO_CITE.format(done.subject.what)}")
     tell(f"digest: {done.subject.digest}")
     return DONE

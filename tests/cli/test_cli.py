@@ -128,7 +128,7 @@ def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[s
     print_end(result, ["a remark"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["found", ""]
-    assert lines[2] == "read:   my runs/one/summary.md"
+    assert lines[2] == "read:   my runs/one/summary.md (cite the digest of the search, below)"
     assert [shlex.split(line)[2:] for line in (lines[3], lines[4], lines[6])] == [
         *(["show", "my runs/one", "g01s02"], ["replay", "my runs/one"]),
         ["noise", "my runs/one", "elites=2", "seeds=12"],
