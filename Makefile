@@ -177,6 +177,7 @@ paper: $(READS)/.ready ## every table and figure of the published runs, or of RU
 
 pictures: $(READS)/.ready ## draw every picture of README and of the pages anew, which tests compare
 	$(READS)/bin/python docs/site/loop.py docs/figures/loop.svg
+	$(READS)/bin/python docs/site/difficulty.py docs/figures/difficulty.svg
 	$(READS)/bin/python docs/site/diagrams.py docs/figures
 	$(READS)/bin/python docs/site/pictures.py docs/figures
 	$(READS)/bin/python docs/found/draw.py docs/found
