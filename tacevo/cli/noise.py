@@ -54,7 +54,9 @@ def _in_code(run: RecordedRun, name: str) -> str:
     new, gone = layer_changes(baseline, found)
     parts = [f"{words} {listed(layers, most=_LAYERS)}" for words, layers in (("new", new), ("gone", gone)) if layers]
     beside = f"beside the baseline's: {'; '.join(parts)}" if parts else "its layers are the baseline's"
-    edits = "" if run.config.llm.facts.is_model else "; the grammar makes random edits, too, so code and instructions can differ"
+    edits = (
+        "" if run.config.llm.facts.is_model else "; the grammar makes random edits, too, so code and words can differ"
+    )
     look = f"{as_typed('tacevo')} show {shlex.quote(str(run.path))} {name}"
     return f"{beside}{edits} (all of it: {look})"
 

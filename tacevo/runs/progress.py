@@ -62,7 +62,7 @@ class Progress:
             console=self._console,
             disable=not self._console.is_terminal,
         )
-        #: Each bar knows how many units were not made while it ran (`before`), and the seconds until the first (`idle`).
+        #: Each bar knows how many units were not made while it ran, `before`, and the seconds until the first, `idle`.
         self._tasks: dict[str, TaskID] = {}
         self._clock = self._bars.add_task("at work", total=None, note="", before=0, idle=0.0)
         self._ended = threading.Event()

@@ -157,7 +157,8 @@ def test_page_says_what_a_temperature_is(
         "on_temperature": ["Of temperatures the makers said this."] if "makers" in told else [],
     }
     page, wrong = open_page(replace(shipped, runs=({**run, **changed},)))
-    figure = page.locator("#dynamics figure").filter(has=page.locator("figcaption", has_text=re.compile("^Temperature")))
+    caption = page.locator("figcaption", has_text=re.compile("^Temperature"))
+    figure = page.locator("#dynamics figure").filter(has=caption)
     assert told in figure.inner_text()
     assert page.locator("#candidate a[href='#temperature-note']").count() == ("makers" in told)
     assert wrong == []
