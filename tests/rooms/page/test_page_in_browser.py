@@ -314,10 +314,10 @@ def test_table_filters_and_sorts(shipped: PageContents, open_page: Opener) -> No
         page.keyboard.press("ArrowDown")
     page.locator("#filter-outcome").select_option("")
     page.get_by_role("button", name="loss", exact=True).click()
-    best = min((one for one in candidates if one["loss"] is not None), key=lambda one: one["loss"])
+    best = min((one for one in candidates if one["fitness"] is not None), key=lambda one: one["fitness"])
     assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == best["id"]
     page.get_by_role("button", name="loss", exact=True).click()
-    worst = max((one for one in candidates if one["loss"] is not None), key=lambda one: one["loss"])
+    worst = max((one for one in candidates if one["fitness"] is not None), key=lambda one: one["fitness"])
     assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == worst["id"]
     assert page.locator('th[aria-sort="descending"]').inner_text() == "loss"
 
