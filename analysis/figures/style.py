@@ -25,8 +25,6 @@ GREY, SHADE, PALE = "#767676", "#D0D0D0", "#F2F2F2"
 #: Of quantities: dark to light, even in grey.
 COLOUR_MAP = "cividis"
 
-DARKEST = "#00224E"
-
 #: Of a marker that stands on others or on dark cells.
 OUTLINED: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 

@@ -78,7 +78,7 @@ def rows(sweep: Path, table: str) -> list[dict[str, str]]:
 
 @pytest.mark.room("figures")
 def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every table and figure in three formats, as `tacevo figures` draws them; on one screen the primary metric, and where the others are."""
+    """Each table and figure in three formats; on one screen the primary metric, and where the others are."""
     assert main(["ablations", "sweep"]) == 0
     told = capsys.readouterr()
     folder = sweep / "ablations"

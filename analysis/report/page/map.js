@@ -88,7 +88,7 @@ function mapLegend(run) {
         ["the best elite", shape("", symbol(d3.symbolStar, 50, "point is-best"))],
         ["new in this generation", shape("is-new", cell)],
         ["chosen: its panel is shown", shape("is-selected", cell)],
-        ...(hasEmptied && run.cells.length ? [["emptied in this generation", shape("lost", symbol(d3.symbolSquare, 90, ""))]] : []),
+        ...(hasEmptied && run.cells.length ? [["emptied in this generation", shape("emptied", symbol(d3.symbolSquare, 90, ""))]] : []),
     ]);
 }
 

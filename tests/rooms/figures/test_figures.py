@@ -95,7 +95,7 @@ def test_prompt_map_has_a_row_for_each_instruction() -> None:
     (axes, bar) = prompt_map(RUN, CENTROIDS, range(9)).axes
     assert [label.get_text() for label in axes.get_yticklabels()] == list(RUN.instructions)
     low, high = axes.get_xlim()
-    assert -0.1 < low < 0.0 < 1.0 < high < 1.1  # a trial at an end is whole
+    assert (-0.1 < low < 0, 1 < high < 1.1) == (True, True)  # a trial at an end is whole
     assert points(axes, "o") == [(0.6, 0.0), (0.65, 1.0)]
     assert sum(collection.get_hatch() is not None for collection in axes.collections) == 1
     assert bar.get_ylabel() == "curiosity of the trial"

@@ -157,9 +157,8 @@ def test_page_says_what_a_temperature_is(
         "on_temperature": ["Of temperatures the makers said this."] if "makers" in told else [],
     }
     page, wrong = open_page(replace(shipped, runs=({**run, **changed},)))
-    figure = page.locator("#dynamics figure").filter(
-        has=page.locator("figcaption", has_text=re.compile("^Temperature"))
-    )
+    caption = page.locator("figcaption", has_text=re.compile("^Temperature"))
+    figure = page.locator("#dynamics figure").filter(has=caption)
     assert told in figure.inner_text()
     assert page.locator("#candidate a[href='#temperature-note']").count() == ("makers" in told)
     assert wrong == []
@@ -315,10 +314,10 @@ def test_table_filters_and_sorts(shipped: PageContents, open_page: Opener) -> No
         page.keyboard.press("ArrowDown")
     page.locator("#filter-outcome").select_option("")
     page.get_by_role("button", name="loss", exact=True).click()
-    best = min((one for one in candidates if one["loss"] is not None), key=lambda one: one["loss"])
+    best = min((one for one in candidates if one["fitness"] is not None), key=lambda one: one["fitness"])
     assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == best["id"]
     page.get_by_role("button", name="loss", exact=True).click()
-    worst = max((one for one in candidates if one["loss"] is not None), key=lambda one: one["loss"])
+    worst = max((one for one in candidates if one["fitness"] is not None), key=lambda one: one["fitness"])
     assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == worst["id"]
     assert page.locator('th[aria-sort="descending"]').inner_text() == "loss"
 
