@@ -191,19 +191,19 @@ $(DOCS)/.ready: $(READY) requirements-docs.lock
 	$(DOCS)/bin/python .ci/install.py --no-deps --require-hashes --requirement requirements-docs.lock
 	@touch $@
 
-OURS := --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel
 release: ## from a clean checkout: wheel and sdist, checked and tried in empty environments; says what a person uploads
 	$(PYTHON) .ci/release.py
 
 audit: $(AUDIT)/.ready ## compare what is locked with the public list of known faults (needs pypi.org)
-	@for lock in requirements.lock requirements-check.lock requirements-dev.lock requirements-docs.lock; do \
-		echo "$$lock"; $(AUDIT)/bin/pip-audit --requirement $$lock --require-hashes --disable-pip --strict || exit; done
+	@for lock in requirements.lock torch.lock requirements-check.lock requirements-dev.lock requirements-docs.lock; do \
+		echo "$$lock"; $(AUDIT)/bin/pip-audit --requirement $$lock --no-deps --disable-pip --strict || exit; done
 
 $(AUDIT)/.ready:
 	$(PYTHON) -m venv $(@D)
 	$(@D)/bin/pip install --quiet --disable-pip-version-check pip-audit
 	@touch $@
 
+OURS := --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel
 lock: ## resolve the dependencies again into requirements*.lock, with the hashes of every file (ten minutes)
 	rm -rf build/lock
 	$(PYTHON) -m venv build/lock

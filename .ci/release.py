@@ -34,7 +34,7 @@ FIRST = (
     "tacevo init mine --part parents",
 )
 
-#: The digest that FIRST's second and third command must end with, by the file that has it.
+#: The published run of FIRST; the page beside it has the digest that its replay must end with.
 PUBLISHED = "grating-claude.zip"
 
 
@@ -52,6 +52,8 @@ def main() -> None:
     files = sorted(DIST.iterdir())
     _run([tools / "twine", "check", "--strict", *files])
     tried = [_tried(python, next(DIST.glob("*.whl"))) for python in pythons]
+    if all("not tried" in line for line in tried):
+        sys.exit(f"expected one of {', '.join(pythons)}; got none of them: name yours by --pythons")
     tried += [_image("docker", ["build", "--tag", f"tacevo:{VERSION}", ROOT], ["info"])]
     tried += [_image("apptainer", ["build", "--force", PLACE / "tacevo.sif", ROOT / "tacevo.def"], ["version"])]
     tried += [_image("conda-build", [ROOT / ".ci/conda"], ["--version"])]
@@ -61,7 +63,7 @@ def main() -> None:
 
 
 def _check_checkout() -> None:
-    """Refuse a checkout with changes, and papers that name different versions or papers."""
+    """Refuse a checkout with changes, and one whose files name different versions."""
     if changed := _said(["git", "-C", ROOT, "status", "--porcelain"]):
         sys.exit(f"expected a clean checkout; got changes: commit them, or clone anew\n{changed}")
     citation = (ROOT / "CITATION.cff").read_text()
@@ -93,6 +95,8 @@ def _tried(python: str, wheel: Path) -> str:
         for command in FIRST:
             name, *words = command.format(published=ROOT / "cache/published" / PUBLISHED).split()
             ends.append(_said([place / name, *words], folder).splitlines()[-1])
+    if ends[1].removeprefix("digest: ") not in (ROOT / "cache/published/README.md").read_text():
+        sys.exit(f"{python}: expected the digest of {PUBLISHED} that its page has; got {ends[1]}")
     if ends[2] != ends[3]:
         sys.exit(f"{python}: expected the demo's search and its replay to end alike; got {ends[2]} and {ends[3]}")
     return f"- {version}: installed; {', '.join(f'`{command}`' for command in FIRST)}; the demo's {ends[2]}"

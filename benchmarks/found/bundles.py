@@ -11,16 +11,22 @@ ROOT = Path(__file__).parents[2]
 PLACES = ("cache/published", "tests/golden/bundles", "cache/tables")
 
 
-def place_of(name: str) -> str | None:
-    """Return where a run, sweep or table of this name lies in the checkout; None if it is not published."""
-    places = (f"{place}/{name}.zip" for place in PLACES)
-    return next((place for place in places if (ROOT / place).is_file()), None)
+def place_of(name: str) -> str:
+    """Return where a run, sweep or table of this name lies in the checkout.
+
+    Raises:
+        FileNotFoundError: it is not published.
+    """
+    for place in PLACES:
+        if (ROOT / place / f"{name}.zip").is_file():
+            return f"{place}/{name}.zip"
+    raise FileNotFoundError(f"{name}.zip, in none of {', '.join(PLACES)}")
 
 
 @cache
 def opened(name: str) -> tacevo.Run | tacevo.Sweep:
     """Open a published run or sweep by its name."""
-    return tacevo.open(ROOT / str(place_of(name)))
+    return tacevo.open(ROOT / place_of(name))
 
 
 def sweep(name: str) -> tacevo.Sweep:

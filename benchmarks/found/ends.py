@@ -152,9 +152,9 @@ def written() -> Iterator[Estimate]:
     of = "one of five: searches whose network is below the baseline"
     yield estimate(of=of, value=sum(below), form=f"{{:.0f}} of {len(below)}", count=len(below), unit="searches")
     yield _pooled("one of five, both arms, chosen by re-estimates of ten epochs", "by_reestimates")
-    control = of_searches(CONTROL)
+    without = of_searches(CONTROL)
     for each in SEARCHES:
-        logs = [control[seed].of_one - own.of_one for seed, own in of_searches(each).items()]
+        logs = [without[seed].of_one - own.of_one for seed, own in of_searches(each).items()]
         of = f"one of five: first mutations over {each.of}"
         yield ratio(of, logs, unit="seeds", bundle=CONTROL.bundle, fixed=PLANNED)
     yield from _of_the_table()
@@ -165,7 +165,7 @@ def _of_the_table() -> Iterator[Estimate]:
 
     Nothing is drawn: of all draws the network at a place of the order by validation loss is the best in a known part.
     """
-    scores = tacevo.open_table(ROOT / str(place_of("grating-space"))).scores
+    scores = tacevo.open_table(ROOT / place_of("grating-space")).scores
     tested = np.log(scores.pivot_table(index="seed", columns="network", values="cross_entropy"))
     tested = tested.sub(tested[0], axis=0).drop(columns=0)  # network 0 is the baseline
     validated = scores.pivot_table(index="seed", columns="network", values="validation_loss").drop(columns=0)

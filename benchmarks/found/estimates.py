@@ -75,5 +75,5 @@ def _line(page: str, picture: str, row: Estimate) -> list[str]:
     of = f"{row.group}: {row.of}" if row.group else row.of
     numbers = [f"{number:.4g}" for number in (row.value, *(row.ends or ()))]
     numbers += [""] * (3 - len(numbers))
-    known = [str(row.count), row.unit, str(place_of(row.bundle)), row.fixed]
+    known = [str(row.count), row.unit, place_of(row.bundle), row.fixed]
     return [page, picture, of, str(row), *numbers, row.interval if row.ends else "", *known]

@@ -18,7 +18,6 @@ from tacevo.api.sweeps import Sweep
 from tacevo.bundles.open import opened
 from tacevo.bundles.publish import publish as publish_bundle
 from tacevo.bundles.readme import Terms
-from tacevo.bundles.signing import sign_bundle
 from tacevo.config.compose import compose, compose_noise, compose_study
 from tacevo.config.conf_folder import check_experiment
 from tacevo.config.given import compose_given
@@ -27,7 +26,6 @@ from tacevo.errors import ConfigError, RunError
 from tacevo.parts.registry import needing_parts
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import search as run_search
-from tacevo.storage.signatures import checked_key
 from tacevo.studies.given_run import record_given
 from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.study import Studied
@@ -181,7 +179,6 @@ def publish(
         RunError: it is not finished.
         ConfigError: there is no such key, or it cannot sign.
     """
-    key = None if sign is None else checked_key(Path(sign))
     terms = Terms(licence=licence, authors=(authors,) if isinstance(authors, str) else tuple(authors), published=date)
     with progress(quiet) as view:
         done = publish_bundle(
@@ -192,8 +189,8 @@ def publish(
             view=view,
             studies=(),
             store=None,
+            key=None if sign is None else Path(sign),
         )
-    sign_bundle(Path(target), done.digest, key)
     return done.digest
 
 

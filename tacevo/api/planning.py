@@ -26,6 +26,7 @@ from tacevo.results.study_directory import studies_of
 from tacevo.results.sweep import load_sweep
 from tacevo.storage.files import write_durably
 from tacevo.storage.plan_file import SeedPlan, plan_text, signed_plan
+from tacevo.storage.signatures import checked_key
 from tacevo.storage.sweep_directory import SweepDirectory
 
 #: The types that a pilot can be read from.
@@ -59,7 +60,7 @@ def plan(
         A row a way; `plan` says `chosen` of the cheapest, unless no number of seeds that is tried suffices.
 
     Raises:
-        ConfigError: a number is out of its range, or the kind is another.
+        ConfigError: a number is out of its range, or the kind is another; or there is no such key, or nothing to sign.
         RunError: a pilot has no finished study, is not a sweep, or cannot be planned from.
     """
     if kind not in ("study", "sweep"):
@@ -69,9 +70,12 @@ def plan(
             raise ConfigError(str(value), place=name, expected="a number between 0 and 1")
     if comparisons is not None and comparisons < 1:
         raise ConfigError(str(comparisons), place="comparisons", expected="an integer of at least 1")
+    key = None if sign is None else checked_key(Path(sign))
+    if key is not None and output is None:
+        raise ConfigError("none", place="output", expected="the directory of plan.json, which sign= signs")
     planned = planned_from(kind, pilots, effect=effect, comparisons=comparisons, power=power, alpha=alpha)
     if output is not None and planned.plan is not None:
-        write_plan(planned.plan, Path(output), None if sign is None else Path(sign))
+        write_plan(planned.plan, Path(output), key)
     return Table(plan_table(planned))
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from tacevo.bundles.format import LOCK, RUN_FILES, STORE, SWEEP, candidate_entry, sealed
 from tacevo.bundles.open import Opened, located
 from tacevo.bundles.readme import Subject, Terms, citation, licence, readme
+from tacevo.bundles.signing import signature_of_digest, signature_place
 from tacevo.bundles.verify import Rerun, files_below, rerun, rerun_all
 from tacevo.config.conf_folder import conf_root
 from tacevo.config.identity import config_hash
@@ -34,6 +35,7 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.members import Member, as_tree
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST, PARTS, RunDirectory, RunRecord, run_text, timing_text
+from tacevo.storage.signatures import checked_key
 from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.storage.zipfiles import names_in
@@ -66,6 +68,7 @@ def publish(
     view: Progress,
     studies: Sequence[Path],
     store: Path | None,
+    key: Path | None = None,
 ) -> Published:
     """Replay a finished run or sweep with its studies, and write all that belongs to it into one file.
 
@@ -78,14 +81,18 @@ def publish(
         view: shows how far the replay is.
         studies: directories of its studies; none for all that are finished. Those of a sweep are not chosen.
         store: where the stores lie, if not where the run had them.
+        key: the file of an SSH key, with which the bundle digest is signed into a file beside the bundle; the
+            signature of a bundle that is replaced by another one is removed.
 
     Raises:
         DivergenceError: a run is not what its stores give, or not what its sweep says.
         CacheMissError: a store lacks an answer.
         RunError: this is not a finished run or sweep, or a study is not one of its finished ones.
         ConfigError: another file than a bundle stands there; the day is not known; or a model is named by a path of
-            this machine.
+            this machine; or the key cannot sign.
     """
+    if key is not None:
+        checked_key(key)
     place = located(run)
     if target.exists() and STORE not in (names_in(target) or ()):
         raise ConfigError("another file", place=str(target), expected="no file, or a bundle, which is replaced")
@@ -103,7 +110,13 @@ def publish(
     subject = _subject(staged, runs)
     members |= _papers(subject, terms, members)
     data, digest = sealed(members)
+    signature = None if key is None else signature_of_digest(digest, key)
+    beside = signature_place(target)
+    if not (target.exists() and target.read_bytes() == data):
+        beside.unlink(missing_ok=True)
     write_durably(target, data)
+    if signature is not None:
+        write_durably(beside, signature)
     return Published(
         subject=subject, digest=digest, files=len(members) + 1, size=len(data), test_labels=_test_labels(staged, runs)
     )

@@ -3,28 +3,23 @@
 from pathlib import Path
 
 from tacevo.errors import BundleError, ConfigError
-from tacevo.storage.files import write_durably
 from tacevo.storage.signatures import LONGEST, check, sign
 
 
-def sign_bundle(target: Path, digest: str, key: Path | None) -> None:
-    """Sign the bundle digest of a file, or remove the signature of the file that it replaced.
+def signature_of_digest(digest: str, key: Path) -> str:
+    """Sign a bundle digest with the key of a file.
 
     Raises:
         ConfigError: as `tacevo.storage.signatures.sign`.
     """
-    place = signature_of(target)
-    if key is None:
-        place.unlink(missing_ok=True)
-    else:
-        write_durably(place, sign(_signed(digest), key))
+    return sign(_signed(digest), key)
 
 
-def describe_signature(target: Path, digest: str, allowed: Path | None) -> str:
+def describe_signature(bundle: Path, digest: str, allowed: Path | None) -> str:
     """Say in a line who signed a published file.
 
     Args:
-        target: the file.
+        bundle: the file.
         digest: its bundle digest.
         allowed: a file of allowed signers; the file must then be signed by one of them.
 
@@ -32,14 +27,15 @@ def describe_signature(target: Path, digest: str, allowed: Path | None) -> str:
         BundleError: what lies beside it is no signature of it; or it is not signed by an allowed signer.
         ConfigError: as `tacevo.storage.signatures.check`.
     """
-    place = signature_of(target)
+    place = signature_place(bundle)
     if not place.is_file():
         if allowed is not None:
             raise BundleError("none", place=str(place), expected=f"a signature by one of {allowed}")
         return f"unsigned: no {place.name} lies beside it"
-    text = place.read_bytes()[: LONGEST + 1].decode(errors="replace")
+    with place.open("rb") as file:
+        signature = file.read(LONGEST + 1)
     try:
-        signed = check(_signed(digest), text, allowed)
+        signed = check(_signed(digest), signature, allowed)
     except ConfigError as error:
         if allowed is not None:
             raise
@@ -51,9 +47,9 @@ def describe_signature(target: Path, digest: str, allowed: Path | None) -> str:
     return f"signed by {signed.described}"
 
 
-def signature_of(target: Path) -> Path:
+def signature_place(bundle: Path) -> Path:
     """Return where the signature of a published file lies."""
-    return target.with_name(f"{target.name}.sig")
+    return bundle.with_name(f"{bundle.name}.sig")
 
 
 def _signed(digest: str) -> str:

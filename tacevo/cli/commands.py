@@ -509,7 +509,7 @@ def publish(
       tacevo publish runs/NAME -o NAME.zip --author 'Ada Lovelace'
       tacevo publish sweeps/NAME -o NAME.zip --license CC0-1.0
       tacevo publish runs/NAME -o NAME.zip --sign ~/.ssh/id_ed25519
-      # what Zenodo wants: upload all files of this directory
+      # what an archive wants: upload all files of this directory
       tacevo publish runs/NAME -o x.zip --author 'A. Lovelace' --deposit DIR
 
     Args:

@@ -24,7 +24,10 @@ from tacevo.text import listed, nearest
 _FOLDER = Path("parts")
 
 #: What the search with a template needs beside it: that of images has labels of forces.
-_BESIDE = {"sources": " task=force", "providers": " llm.model=mine"}
+#: Names of files that pip and pytest take for their own.
+_OF_TOOLS = ("setup", "conftest")
+
+_BESIDE = {"sources": " task=force", "providers": " llm.model={name}"}
 
 _TEST = """\
 \"\"\"What every part of this kind promises holds for this one; add what yours is for.\"\"\"
@@ -102,7 +105,7 @@ def _check_name(name: str, attribute: str, template: str, packaged: Kind | None)
     if not is_identifier or keyword.iskeyword(name) or keyword.iskeyword(attribute):
         expected = "a lower-case identifier, which is no word of Python's own"
         raise ConfigError(repr(name), place="NAME", expected=expected, remedy=remedy)
-    if name in sys.stdlib_module_names or is_there(name):
+    if name in sys.stdlib_module_names or name in _OF_TOOLS or is_there(name):
         raise ConfigError(name, place="NAME", expected="a name that no installed module has", remedy=remedy)
     used = {token.string for token in generate_tokens(StringIO(template).readline) if token.type == NAME}
     if attribute in used - {"Mine", "mine"}:
@@ -125,12 +128,15 @@ def _write(texts: dict[Path, str]) -> None:
         raise ConfigError(listed(taken), place="NAME", expected="files that are not there yet", remedy=remedy)
     folder = next(iter(texts)).parent
     new_folders = [each for each in (folder, *folder.parents) if not each.exists()]
+    made: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for file, text in texts.items():
-            file.write_text(text, encoding="utf-8")
+            with file.open("x", encoding="utf-8") as opened:  # what came in between stays as it is
+                made.append(file)
+                opened.write(text)
     except BaseException as error:
-        for file in texts:
+        for file in made:
             with contextlib.suppress(OSError):
                 file.unlink(missing_ok=True)
         for each in new_folders:
@@ -151,7 +157,7 @@ def _next(kind: Kind, name: str, folder: Path, found: str) -> list[str]:
         tried = f"{tacevo} {name} runs/NAME" if kind is COMMANDS else f"{tacevo} tables runs/NAME"
         return [test, added, f"verify: {tacevo} parts check {name}", f"try:    {tried}"]
     value = f"'{kind.setting}=[arch_div,{found}]'" if kind is DESCRIPTORS else f"{kind.setting}={found}"
-    search = f"{tacevo} search experiment=demo {value}{_BESIDE.get(kind.name, '')}"
+    search = f"{tacevo} search experiment=demo {value}{_BESIDE.get(kind.name, '').format(name=name)}"
     return [f"verify: {tacevo} parts check {folder / name}.py", test, f"try:    {search}"]
 
 

@@ -6,13 +6,12 @@ from functools import partial
 from pathlib import Path
 
 from tacevo.api.pages import pages
-from tacevo.bundles.deposit import check_deposit, deposit
+from tacevo.bundles.deposit import check_deposit, deposit, doi_of
 from tacevo.bundles.publish import publish
 from tacevo.bundles.readme import Terms
-from tacevo.bundles.signing import sign_bundle, signature_of
+from tacevo.bundles.signing import signature_place
 from tacevo.cli.common import DONE, TO_CITE, tell
 from tacevo.runs.progress import Progress
-from tacevo.storage.signatures import checked_key
 from tacevo.text import counted, listed
 
 
@@ -39,10 +38,9 @@ def run_publish(
     deposited: str | None,
 ) -> int:
     """Publish a run or a sweep as a file."""
-    signing_key = None if key is None else checked_key(Path(key))
     terms = Terms(licence=licence, authors=tuple(authors) or _asked(), published=date)
     if deposited is not None:
-        check_deposit(Path(deposited), terms.authors)
+        check_deposit(Path(output), Path(deposited), terms.authors)
     with Progress() as view:
         done = publish(
             Path(run),
@@ -52,18 +50,20 @@ def run_publish(
             view=view,
             studies=tuple(map(Path, studies)),
             store=None if store is None else Path(store),
+            key=None if key is None else Path(key),
         )
-    sign_bundle(Path(output), done.digest, signing_key)
     tell(f"published: {output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
     tell(f"licence: {terms.licence}")
     tell(f"author: {listed(terms.authors, 'anonymous (--author NAME says who)')}")
     if done.test_labels:
         tell(f"the labels of {counted(done.test_labels, 'test image')} are in it")
-    if signing_key is not None:
-        tell(f"signature: {signature_of(Path(output))}, of the bundle digest; it lies beside the bundle")
+    if key is not None:
+        tell(f"signature: {signature_place(Path(output))}, of the bundle digest; it lies beside the bundle")
     if deposited is not None:
         files = deposit(Path(output), Path(deposited))
         tell(f"deposit: {deposited} ({listed(files)}); upload all of it, and write the DOI into {output}.doi")
+    if doi := doi_of(Path(output)):
+        tell(f"doi:    {output}.doi names {doi}: remove that file, or write another, if it is of an earlier bundle")
     tell(f"bundle digest: {done.digest} (of all its files)")
     tell(f"cite:   {TO_CITE.format(done.subject.what)}")
     tell(f"digest: {done.subject.digest}")

@@ -8,6 +8,7 @@ import contextlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
@@ -162,7 +163,7 @@ def _laid_out(table: Table, width: int) -> Grid | None:
             continue
         grid = Grid(title=Text(printable(table.caption)), title_justify="left", box=None, pad_edge=False)
         for (heading, *cells), needed, is_number in zip(columns, least, numeric, strict=True):
-            whole = max(len(line) for text in (heading, *cells) for line in text.split("\n"))
+            whole = max(cell_len(line) for text in (heading, *cells) for line in text.split("\n"))
             more = min(spare, whole - needed)
             spare -= more
             grid.add_column(Text(printable(heading)), justify="right" if is_number else "left", width=needed + more)
@@ -175,7 +176,7 @@ def _laid_out(table: Table, width: int) -> Grid | None:
 def _least(heading: str, *cells: str, is_number: bool) -> int:
     """Return how narrow a column can be: its longest word, or the longest line of its numbers."""
     pieces = [piece for cell in cells for piece in (cell.split("\n") if is_number else cell.split())]
-    return max(map(len, [*pieces, *heading.split()]), default=0)
+    return max(map(cell_len, [*pieces, *heading.split()]), default=0)
 
 
 def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:

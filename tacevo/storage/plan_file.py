@@ -98,7 +98,7 @@ def describe_plan(plan: SeedPlan, allowed: Path | None, error: type[TacevoError]
     if not plan.signature:
         return f"{plan.dated}; unsigned"
     try:
-        signed = check(_unsigned(plan), plan.signature, allowed)
+        signed = check(_unsigned(plan), plan.signature.encode(), allowed)
     except ConfigError as problem:
         if allowed is not None:
             raise

@@ -9,7 +9,7 @@ import os
 import re
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,9 @@ NAMESPACE = "tacevo"
 LONGEST = 20_000
 
 _PROGRAM = "ssh-keygen"
+
+#: What the program says of a signature that does not fit; all else that it says is about itself or this machine.
+_UNFIT = "Could not verify signature"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +47,14 @@ def checked_key(key: Path) -> Path:
     """Return the file of a key, before the work that shall be signed.
 
     Raises:
-        ConfigError: there is none, or OpenSSH is not installed.
+        ConfigError: it is no file of a key, or OpenSSH is not installed.
     """
+    expected, remedy = "the file of an SSH key", "ssh-keygen makes one"
     if not key.is_file():
-        raise ConfigError(str(key), place="--sign", expected="the file of an SSH key", remedy="ssh-keygen makes one")
-    _run(["-l", "-f", str(key)], "")
+        raise ConfigError(str(key), place="--sign", expected=expected, remedy=remedy)
+    done = _run(["-l", "-f", str(key)], "")
+    if done.returncode:
+        raise ConfigError(f"{key}: {_said(done)}", place="--sign", expected=expected, remedy=remedy)
     return key
 
 
@@ -60,55 +66,69 @@ def sign(text: str, key: Path) -> str:
     """
     done = _run(["-Y", "sign", "-f", str(checked_key(key)), "-n", NAMESPACE], text)
     if done.returncode:
-        said = printable((done.stderr.strip().splitlines() or ["nothing"])[-1])
-        raise ConfigError(f"{key}, of which {_PROGRAM} said: {said}", place="--sign", expected="a key that can sign")
-    return done.stdout
+        raise ConfigError(f"{key}: {_said(done)}", place="--sign", expected="a key that can sign")
+    return done.stdout.decode()
 
 
-def check(text: str, signature: str, allowed: Path | None) -> Signed | None:
+def check(text: str, signature: bytes, allowed: Path | None) -> Signed | None:
     """Check a signature of a text; None where it is no signature of it.
 
     Args:
         text: what was signed.
-        signature: what `sign` returned.
-        allowed: a file of allowed signers, as `man ssh-keygen` describes it: a name and a public key on each line.
+        signature: what `sign` returned, or whatever lies in its place.
+        allowed: a file of allowed signers: on each line a name (or several, with commas), and a public key, as `man
+            ssh-keygen` describes it. Names with `*`, `?` or `!` are patterns, and name nobody.
 
     Raises:
-        ConfigError: OpenSSH is not installed, or there is no such file.
+        ConfigError: this machine's OpenSSH is missing, too old or fails; or there is no such file.
     """
     if allowed is not None and not allowed.is_file():
         expected = "a file with a name and a public key on each line"
         raise ConfigError(str(allowed), place="--allowed-signers", expected=expected)
     if len(signature) > LONGEST:
         return None
-    with tempfile.NamedTemporaryFile("w", suffix=".sig") as file:
-        file.write(signature)
-        file.flush()
-        done = _run(["-Y", "check-novalidate", "-n", NAMESPACE, "-s", file.name], text)
-        found = re.search(rf'^Good "{NAMESPACE}" signature with (\S+ key SHA256:\S+)$', done.stdout, re.MULTILINE)
-        if done.returncode or found is None:
-            return None
-        return Signed(found[1], None if allowed is None else _signer(text, file.name, str(allowed)))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "signature"
+        file.write_bytes(signature)
+        done = _run(["-Y", "check-novalidate", "-n", NAMESPACE, "-s", str(file)], text)
+        said = done.stdout.decode(errors="replace")
+        found = re.search(rf'^Good "{NAMESPACE}" signature with (\S+ key SHA256:\S+)', said, re.MULTILINE)
+        if not done.returncode and found is not None:
+            return Signed(found[1], None if allowed is None else _signer(text, file, allowed))
+    if _UNFIT in said:
+        return None
+    raise ConfigError(
+        _said(done), place=_PROGRAM, expected="an answer about the signature", remedy="it takes OpenSSH 8.2 or later"
+    )
 
 
-def _signer(text: str, signature: str, allowed: str) -> str | None:
-    """Return the name under which the key of a signature may sign now."""
-    names = _run(["-Y", "find-principals", "-s", signature, "-f", allowed], "")
-    for name in names.stdout.splitlines():
-        verify = ["-Y", "verify", "-f", allowed, "-I", name, "-n", NAMESPACE, "-s", signature]
+def _signer(text: str, signature: Path, allowed: Path) -> str | None:
+    """Return the first name of a file under which the key of a signature may sign now."""
+    for name in dict.fromkeys(_names(allowed)):
+        verify = ["-Y", "verify", "-f", str(allowed), "-I", name, "-n", NAMESPACE, "-s", str(signature)]
         if not _run(verify, text).returncode:
             return printable(name)
     return None
 
 
-def _run(arguments: Sequence[str], text: str) -> subprocess.CompletedProcess[str]:
+def _names(allowed: Path) -> Iterator[str]:
+    for line in allowed.read_text(encoding="utf-8", errors="replace").splitlines():
+        first = line.split(maxsplit=1)[0] if line.strip() and not line.lstrip().startswith("#") else ""
+        yield from (name for name in first.split(",") if name and not re.search(r"[*?!]", name))
+
+
+def _said(done: subprocess.CompletedProcess[bytes]) -> str:
+    lines = (done.stderr + done.stdout).decode(errors="replace").strip().splitlines()
+    return printable(lines[-1]) if lines else "nothing"
+
+
+def _run(arguments: Sequence[str], text: str) -> subprocess.CompletedProcess[bytes]:
     try:
         return subprocess.run(
             [_PROGRAM, *arguments],
-            input=text,
+            input=text.encode(),
             check=False,
             capture_output=True,
-            text=True,
             env={**os.environ, "LC_ALL": "C"},
         )
     except OSError as error:

@@ -45,7 +45,7 @@ def seconds_left(
         return None
     first = min(datetime.fromisoformat(one.at) - timedelta(seconds=one.seconds or 0) for one in made)
     each = sum(_units(directory.run(job), jobs[job]) for job in finished) / len(finished)
-    rest = sum(max(0.0, each - len(timings[job])) for job in others)
+    rest = sum(max(0.0, each - _units(directory.run(job), jobs[job])) for job in others)
     return (now - first).total_seconds() * rest / len(made)
 
 
@@ -69,6 +69,8 @@ def _is_made(one: Timing, config: RunConfig, began: datetime) -> bool:
 
 
 def _units(run: RunDirectory, config: RunConfig) -> int:
-    """Count what a finished job has of what `_is_made` counts, made or recalled."""
+    """Count what the generations that a job ended have of what `_is_made` counts, made or recalled."""
+    if not run.ledger.exists():
+        return 0
     lines = [line for line in read_ledger(run).lines if isinstance(line, CandidateLine)]
     return len(lines) if config.data.facts.is_looked_up else sum(line.evaluation is not None for line in lines)

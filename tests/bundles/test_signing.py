@@ -9,7 +9,7 @@ import pytest
 from commands import publish
 
 from tacevo.bundles.open import opened
-from tacevo.bundles.signing import sign_bundle
+from tacevo.bundles.signing import signature_of_digest, signature_place
 from tacevo.cli.app import main
 
 pytestmark = [
@@ -33,6 +33,11 @@ def key(place: Path) -> Path:
 def bundle(published: Path, place: Path) -> Path:
     """Return a published run where the test works."""
     return Path(shutil.copy(published / "run.zip", place / "run.zip"))
+
+
+def sign_bundle(bundle: Path, digest: str, key: Path) -> None:
+    """Lay a signature of a digest beside a bundle."""
+    signature_place(bundle).write_text(signature_of_digest(digest, key))
 
 
 def digest_of(bundle: Path) -> str:
@@ -86,33 +91,57 @@ def test_who_asks_for_signers_accepts_no_other(bundle: Path, key: Path, capsys: 
 
 
 def test_published_file_has_no_byte_of_the_key(folder: Path, key: Path) -> None:
-    """Signing changes nothing in the bundle, and publishing anew without a key leaves no signature of the old one."""
+    """Signing changes nothing in the bundle; its signature stays until another bundle takes the place."""
     publish("run", "-o", "signed.zip", "--author", "A. Nyone", "--sign", "key")
     publish("run", "-o", "plain.zip", "--author", "A. Nyone")
     assert Path("signed.zip").read_bytes() == Path("plain.zip").read_bytes()
     assert Path("signed.zip.sig").read_text().startswith("-----BEGIN SSH SIGNATURE-----")
     publish("run", "-o", "signed.zip", "--author", "A. Nyone")
+    assert Path("signed.zip.sig").exists()
+    publish("run", "-o", "signed.zip", "--author", "Another")
     assert not Path("signed.zip.sig").exists()
 
 
-def test_missing_key_is_told_before_the_work(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("name", ["nowhere", "garbage"])
+def test_unusable_key_is_told_before_the_work(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing is replayed or written for it."""
-    assert main(["publish", "run", "-o", "run.zip", "--sign", "nowhere"]) == 2
-    assert "error: --sign: expected the file of an SSH key; got nowhere" in capsys.readouterr().err
+    Path("garbage").write_text("no key")
+    assert main(["publish", "run", "-o", "run.zip", "--sign", name]) == 2
+    assert "error: --sign: expected the file of an SSH key; got " in capsys.readouterr().err
     assert not Path("run.zip").exists()
 
 
-def test_machine_without_openssh_says_so(
-    bundle: Path, key: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("program", ["", "#!/bin/sh\necho 'unknown option -- Y' >&2; exit 1\n"])
+def test_machine_that_cannot_check_says_so(
+    program: str, bundle: Path, key: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A replay that asks for no signer goes on, and does not call the bundle signed."""
+    """OpenSSH is missing or too old: a replay that asks for no signer goes on, and calls it neither signed nor forged."""
     sign_bundle(bundle, digest_of(bundle), key)
-    monkeypatch.setenv("PATH", "")
+    Path("bin").mkdir()
+    if program:
+        Path("bin/ssh-keygen").write_text(program)
+        Path("bin/ssh-keygen").chmod(0o755)
+    monkeypatch.setenv("PATH", str(Path("bin").resolve()))
     assert main(["replay", "run.zip"]) == 0
     said = capsys.readouterr().out
     assert "\nsignature not checked: " in said
     assert "signed by" not in said
     assert main(["replay", "run.zip", "--allowed-signers", SIGNERS]) == 2
+
+
+def test_signer_is_one_whom_the_file_names(bundle: Path, key: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Under whichever of its lines the key may sign; a pattern is nobody's name, and a byte that is no text is none."""
+    sign_bundle(bundle, digest_of(bundle), key)
+    public = Path("key.pub").read_text().strip()
+    Path("many").write_bytes(
+        f'# a\xe9\ngit@lab namespaces="git" {public}\n!eve@home,*@home {public}\n'.encode("latin-1")
+    )
+    assert main(["replay", "run.zip", "--allowed-signers", "many"]) == 1
+    with Path("many").open("a") as file:
+        file.write(f"ada@lab,ada@home {public}\n")
+    capsys.readouterr()
+    assert main(["replay", "run.zip", "--allowed-signers", "many"]) == 0
+    assert "\nsigned by ada@lab (" in capsys.readouterr().out
 
 
 @pytest.mark.room("plans, pilots")

@@ -107,11 +107,23 @@ def test_narrow_terminal_breaks_no_number() -> None:
 @pytest.mark.parametrize("width", [60, 30, 12])
 def test_narrow_terminal_leaves_no_column_out(width: int, capsys: pytest.CaptureFixture[str]) -> None:
     """An interval goes below its number, and where not even that fits, the table is not laid out."""
-    file, cells = io.StringIO(), ("no_prompt_archive", Interval(0.369, 0.342, 0.432), Interval(0.5, 0.388, 0.649))
+    file, cells = (
+        io.StringIO(),
+        ("no_prompt_archive 日本語の長い名前", Interval(0.369, 0.342, 0.432), Interval(0.5, 0.388, 0.649)),
+    )
     table = Table(name="x", caption="", columns=("arm", "median", "difference"), rows=(cells,))
     print_table(table, Console(file=file, force_terminal=True, color_system=None, width=width))
     told = file.getvalue() + capsys.readouterr().out
-    for words in ("no_prompt_archive", "0.369", "[0.342, 0.432]", "0.500", "[0.388, 0.649]", "arm", "median"):
+    for words in (
+        "no_prompt_archive",
+        "日本語の長い名前",
+        "0.369",
+        "[0.342, 0.432]",
+        "0.500",
+        "[0.388, 0.649]",
+        "arm",
+        "median",
+    ):
         assert words in told
 
 
