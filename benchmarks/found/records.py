@@ -1,10 +1,10 @@
 """What is left of a record with other training seeds."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 
-import numpy as np
 import pandas as pd
 
 import tacevo
@@ -28,6 +28,8 @@ class Winner:
     """The best network of a search on record, and its trainings with other seeds beside those of the baseline."""
 
     search: str
+    #: The seed of the search, which both arms of an ablation share; None of a search by itself.
+    seed: int | None
     group: str
     bundle: str
     #: Its loss and the baseline's, on record.
@@ -63,30 +65,31 @@ def winners() -> tuple[Winner, ...]:
     """Return the best of every published search whose winner and baseline were trained again."""
     elites = sweep("ablation-elites")
     found = [
-        _winner(f"{ARMS[job.arm]}, seed {job.seed}", SHORT, "ablation-elites", elites.run(str(job.Index)))
+        _winner(f"{ARMS[job.arm]}, seed {job.seed}", job.seed, SHORT, "ablation-elites", elites.run(str(job.Index)))
         for job in elites.jobs.itertuples()
     ]
     long = (("Claude's", "grating-claude"), ("the grammar's", "grating-grammar"))
-    return (*found, *(_winner(name, LONG, bundle, run(bundle)) for name, bundle in long))
+    return (*found, *(_winner(name, None, LONG, bundle, run(bundle)) for name, bundle in long))
 
 
-def _winner(name: str, group: str, bundle: str, of: tacevo.Run) -> Winner:
+def _winner(name: str, seed: int | None, group: str, bundle: str, of: tacevo.Run) -> Winner:
     again = next(study.reestimates for study in of.studies if study.reestimates is not None)
     recorded = again.groupby("id").recorded.first()
     best = recorded.drop(BASELINE).idxmin()
     own, baseline = (again.fitness[again.id == each] for each in (best, BASELINE))
     both = float(recorded[best]), float(recorded[BASELINE])
-    return Winner(search=f"{name}: {best}", group=group, bundle=bundle, recorded=both, again=(own, baseline))
+    return Winner(search=f"{name}: {best}", seed=seed, group=group, bundle=bundle, recorded=both, again=(own, baseline))
 
 
 def pooled() -> Estimate:
     """Return how the winners of the 16 searches compare with their baselines; the arms share their seeds."""
-    short = [one for one in winners() if one.group == SHORT]
-    seeds = range(len(short) // len(ARMS))
-    of_seed = [[np.log(one.with_other_seeds) for one in short if f", seed {seed}:" in one.search] for seed in seeds]
+    of_seed: dict[int, list[float]] = {}
+    for one in winners():
+        if one.seed is not None:
+            of_seed.setdefault(one.seed, []).append(math.log(one.with_other_seeds))
     return ratio(
         "all 16 by seed, with other seeds",
-        map(np.mean, of_seed),
+        (sum(logs) / len(logs) for logs in of_seed.values()),
         unit="seeds",
         bundle="ablation-elites",
         fixed=AFTERWARDS,

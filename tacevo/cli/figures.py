@@ -116,7 +116,7 @@ def run_ablations(
     remarks = sweep.left_out
     say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
     if collected.sweep.missing:
-        tell(f"next:   {continuing(SweepDirectory(Path(name)), as_typed('tacevo'))}")
+        tell(f"next:   {continuing(SweepDirectory(sweep.place.folder), as_typed('tacevo'))}")
     elif collected.ablation.primary in TESTED and collected.sweep.terms.retraining is None:
         tell(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', name))} seeds=5")
     tell(f"tables and figures: {directory} (index.md says which question each answers)")

@@ -115,7 +115,7 @@ def test_unusable_key_is_told_before_the_work(name: str, folder: Path, capsys: p
 def test_machine_that_cannot_check_says_so(
     program: str, bundle: Path, key: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """OpenSSH is missing or too old: a replay that asks for no signer goes on, and calls it neither signed nor forged."""
+    """No OpenSSH, or an old one: a replay that asks for no signer goes on, and calls it neither signed nor forged."""
     sign_bundle(bundle, digest_of(bundle), key)
     Path("bin").mkdir()
     if program:
