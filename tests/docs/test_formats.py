@@ -1,28 +1,37 @@
-"""Promise: the schemas of docs/schemas say what the code reads, of every golden file."""
+"""Promise: docs/formats.md and the schemas of docs/schemas say what every golden file holds, as the code reads it."""
 
 import copy
+import hashlib
 import json
 import lzma
 import re
 import runpy
+import shlex
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from checkout import BUNDLES, GOLDEN, PUBLISHED, ROOT
-from jsonschema import Draft202012Validator
+from jsonschema import Draft202012Validator, ValidationError
 
+from tacevo.config.recorded_parts import code_hash
 from tacevo.errors import TacevoError
 from tacevo.evolution.run_files import NetworkArchiveFile, PromptFile, line_kind
+from tacevo.results.space_table import read_table
 from tacevo.results.study_lines import StudyRecord, study_line_kind
-from tacevo.results.table_records import Header, TableNetwork, TableTraining
+from tacevo.results.table_records import DECISIVE, Header, TableNetwork, TableTraining
+from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import _Header
 from tacevo.storage.run_directory import RunRecord, Timing
 from tacevo.storage.store import Entry
 from tacevo.storage.sweep_directory import SweepRecord
+from tacevo.training.weights import weights_digest
 from tacevo.typed import convert
 
 SCHEMAS = ROOT / "docs/schemas"
@@ -203,3 +212,90 @@ def test_schema_of_entries_knows_what_is_asked_and_answered(kind: str) -> None:
         for part in ("request", "answer"):
             other = {**record, part: {name: {"x": [1]} for name in record[part]}}
             assert not validator("packed").is_valid(other)
+
+
+PAGE = (ROOT / "docs/formats.md").read_text(encoding="utf-8")
+
+
+def test_page_shows_what_the_reader_prints() -> None:
+    """Its first command is run, and prints what stands below it; lines are wrapped there."""
+    command, shown = re.findall(r"^```(?:sh|text)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[:2]
+    python, *arguments = shlex.split(command)
+    assert python == "python"
+    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == shown.split()
+
+
+def test_python_of_the_page_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It validates a ledger; a line that is none is refused."""
+    monkeypatch.chdir(ROOT)
+    (block,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(block, names)
+    with pytest.raises(ValidationError):
+        names["validate"]({**json.loads(names["line"]), "unknown": 1}, names["schema"])
+
+
+def test_page_lists_every_schema() -> None:
+    """Each is linked from the file that it is of."""
+    linked = set(re.findall(r"\(schemas/(\w+\.json)\)", PAGE))
+    assert linked == {path.name for path in SCHEMAS.iterdir()}
+
+
+#: The values of the page's table, by their words.
+VALUES = {
+    "the float one": 1.0,
+    "a hundred-thousandth": 1e-05,
+    "ten to the 16th, as a float": 1e16,
+    "minus zero": -0.0,
+    "ten to the 15th, as a float": 1e15,
+}
+
+
+def test_page_writes_numbers_as_they_are_hashed() -> None:
+    """Its table has the canonical text of each value; strings are escaped as it says."""
+    rows = dict(re.findall(r"^\| ([^|]*) \| `([^`]*)` \|$", PAGE, re.MULTILINE))
+    assert {words: canonical(value) for words, value in VALUES.items()} == {words: rows[words] for words in VALUES}
+    assert canonical({"b": '"\\/\x7f\u00e9', "a": "\b\t\n\f\r\x1f"}) == (
+        '{"a":"\\b\\t\\n\\f\\r\\u001f","b":"\\"\\\\/\x7f\u00e9"}'
+    )
+
+
+def of_json(value: Any) -> str:
+    """Hash JSON as the page says."""
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_digest_of_a_table_is_made_as_the_page_says() -> None:
+    """The one that replays of it and runs that looked into it have."""
+    (path,) = TABLES.glob("*.zip")
+    with zipfile.ZipFile(path) as archive:
+        header = json.loads(archive.read("table.json"))
+        rows = {name: hashlib.sha256(archive.read(name)).hexdigest() for name in ("networks.jsonl", "trainings.jsonl")}
+    settings = {}
+    for key in DECISIVE:
+        group, _, name = key.partition(".")
+        settings[key] = header["config"][group].get(name, {"gpu": "", "precision": "float32"}.get(name))
+    told = {name: header[name] for name in ("made_up", "data", "seeds", "study", "trivial")}
+    made = of_json({**told, **rows, "settings": settings, "rules": {**header["rules"], "core": 0}})
+    assert made == read_table(path).digest
+
+
+def test_checksum_of_an_entry_and_digests_of_code_and_weights_are_made_as_the_page_says() -> None:
+    """Those that the independent reader does not look at."""
+    entry = Entry(kind="centroids", request={"niches": 1}, answer=[[0.5, 1e-05]]).sealed()
+    assert list(validator("entry").iter_errors(entry)) != []  # a request of another shape
+    assert entry.pop("checksum") == of_json(entry)
+    sources = {"mine.py": "class Mine: ..."}
+    assert code_hash("mine", "Mine", sources) == of_json({"module": "mine", "attribute": "Mine", "sources": sources})
+    weights = {"b": np.zeros((2,), np.float32), "a": np.ones((1, 2), np.int64)}
+    text = b"a torch.int64 (1, 2)\n" + weights["a"].tobytes() + b"b torch.float32 (2,)\n" + weights["b"].tobytes()
+    assert weights_digest(weights) == hashlib.sha256(text).hexdigest()
+
+
+@pytest.mark.parametrize("stored", ["arrays", "evaluations"])
+def test_files_of_stores_keep_their_schema(stored: str) -> None:
+    """An entry of a bundle as `tacevo cache import` writes it."""
+    _, record = next((name, record) for name, record in samples() if name == "packed" and record.get("kind") == stored)
+    assert list(validator("entry").iter_errors(Entry(**record).sealed())) == []
