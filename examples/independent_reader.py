@@ -54,6 +54,11 @@ def key_of(kind, request):
     return content_hash({"schema": 1, "kind": kind, "request": request})
 
 
+def seed_of(*name):
+    """Return the seed that a purpose has, such as the run's seed, `study` and 3: 63 bits of a hash."""
+    return int(sha256(json.dumps(name))[:32], 16) % 2**63
+
+
 def rounded(value):
     """Keep 9 significant digits, as losses and metrics have."""
     return float(f"{value:.9g}")
@@ -64,6 +69,13 @@ def expect(got, wanted, *place):
     if type(got) is not type(wanted) or canonical(got) != canonical(wanted):
         words = [canonical(value)[:100] for value in (wanted, got)]
         raise DifferentError(f"{', '.join(place)}: expected {words[0]}; got {words[1]}")
+
+
+def is_within(part, whole):
+    """Answer whether a record says all that another one says; that leaves out what is at its default."""
+    if isinstance(part, dict) and isinstance(whole, dict):
+        return all(name in whole and is_within(value, whole[name]) for name, value in part.items())
+    return canonical(part) == canonical(whole)
 
 
 @contextlib.contextmanager
@@ -147,12 +159,13 @@ def read_store(data):
     return Store(entries, asked, set(asked.values()))
 
 
-def training_of(line, store, *, kind, source, data, version, place):
+def training_of(line, store, *, kind, source, data, version, seed, place):
     """Compare a line with the training that its key names; return the answer of that entry, None where it failed."""
     expect((kind, line["evaluation"]) in store.entries, True, *place, f"evaluation, which {STORE} has")
     request, answer = store.entries[kind, line["evaluation"]]
     expect(sha256(request["source"]), source, *place, "source, as was trained")
     expect([request["data"], request["version"]], [data["fingerprint"], version], *place, "data and rules, as trained")
+    expect(request["seed"], seed_of(*seed), *place, "training seed")
     rejection = answer.get("rejection", {})
     expect(
         [line.get(name) for name in ("stage", "reason")], [*map(rejection.get, ("stage", "reason"))], *place, "reason"
@@ -179,7 +192,7 @@ def check_candidate(line, header, files, store, *place):
     if line.get("evaluation"):
         source = line.get("source") or sha256(store.entries["evaluations", line["evaluation"]][0]["source"])
         known = {"kind": "evaluations", "source": source, "data": header["data"], "version": version}
-        answer = training_of(line, store, **known, place=place)
+        answer = training_of(line, store, **known, seed=(header["config"]["seed"], "training"), place=place)
     if answer is None:
         expect(line.get("fitness"), None, *place, "fitness, without a training")
         return
@@ -202,6 +215,9 @@ def check_run(folder, members, store):
         told = {"digest": record["digest"], "data": record["data"], "task": content_hash(task)}
         for field, value in {"digest": hashes[-1], "data": header["data"], "task": header["task"]}.items():
             expect(told[field], value, names[0], field)
+        for group, value in header["config"].items():  # of these, names of files and of parts are written otherwise
+            known = group in ("llm", "numerics", "parts") or is_within(value, record["config"][group])
+            expect(known, True, names[0], f"config.{group}, by the ledger's header")
     inside = f"{folder}candidates/"
     files = {name.removeprefix(inside): data for name, data in members.items() if name.startswith(inside)}
     fitness = {}
@@ -210,15 +226,18 @@ def check_run(folder, members, store):
             if line["kind"] == "candidate":
                 check_candidate(line, header, files, store, *place)
                 fitness[line["id"]] = line.get("fitness")
-    place = (names[1], "elites")
+    place, last = (names[1], "elites"), lines[-1][1]
     with at(*place):
+        for field in ("coverage", "qd_score", "bounds"):
+            expect(networks[field], last[field], names[1], field)
+        expect(prompts["coverage"], last["prompt_coverage"], names[2], "coverage")
         for one in networks["elites"]:
             expect(one["fitness"], fitness.get(one["id"]), *place, one["id"], "fitness")
         held = {str(one["niche"]): {"name": one["id"], "objective": -one["fitness"]} for one in networks["elites"]}
-        expect(content_hash(held), lines[-1][1]["archive"], *place)
+        expect(content_hash(held), last["archive"], *place)
         fields = ("prompt", "temperature", "inserted", "curiosity")
         held = {str(one["niche"]): {field: one[field] for field in fields} for one in prompts["trials"]}
-        expect(content_hash(held), lines[-1][1]["prompt_archive"], names[2], "trials")
+        expect(content_hash(held), last["prompt_archive"], names[2], "trials")
     trained = sum(value is not None for value in fitness.values())
     print(f"{names[3]}: {len(lines)} lines in a chain; {trained} of {len(fitness)} candidates trained, as in the store")
     for study in sorted({name.rpartition("/")[0] for name in members if name.startswith(f"{folder}studies/")}):
@@ -235,19 +254,22 @@ def check_study(folder, members, store, run, hashes):
     with at(*place):
         expect([header["kind"], header["schema"], record["schema"]], ["study", 2, 2], name, "kind and schema")
         expect(record["digest"], chain[-1], *place, "digest")
-        for field in ("run", "task", "seed", "data", "recipe", "seeds", "networks"):
-            expect(record[field], header[field], *place, field)
+        for field, value in header.items():
+            expect(field == "kind" or is_within(value, record[field]), True, *place, f"{field}, by {name}")
         expect(header["run"] in hashes, True, *place, "run, which is this one")
         wanted = [[one["name"], one["id"], seed] for one in header["networks"] for seed in range(header["seeds"])]
         expect([[row.get(part) for part in ("network", "id", "seed")] for _, row in rows], wanted, name, "rows")
         sources = {one["name"]: one["source"] for one in header["networks"]}
         metric = {"regression": "mse", "classification": "accuracy"}[header["data"]["kind"]]
     known = {"kind": "studies" if header.get("terms") else "evaluations", "version": header.get("rules", 2)}
+    what = "study" if header.get("terms") else "choice" if header.get("validated") else "noise"
     values = collections.defaultdict(list)
     for place, row in rows:
         with at(*place):
-            source = sources[row["network"]]
-            answer = training_of(row, store, **known, source=source, data=header["data"], place=place)
+            source, seed = sources[row["network"]], [header["seed"], what, row["seed"]][: 2 if what == "choice" else 3]
+            answer = training_of(row, store, **known, source=source, data=header["data"], seed=seed, place=place)
+            recipe = store.entries[known["kind"], row["evaluation"]][0]["recipe"]
+            expect(recipe, header["recipe"], *place, "recipe, as trained")
             if answer is not None:
                 check_score(row, answer, header, run, store, *place)
                 values[row["network"]].append(row["metrics"].get(metric, row["validation_loss"]))
@@ -313,6 +335,9 @@ def check(path):
         names = [job["name"] for job in sweep["jobs"]]
         there = {name.split("/")[1] for name in members if name.endswith("/run.json")}
         expect(sorted(names), sorted(there), "sweep/sweep.json", "jobs")
+        for job in sweep["jobs"]:
+            run = parse(members[f"sweep/{job['name']}/run.json"], job["name"])
+            expect(job["seed"], run["config"]["seed"], "sweep/sweep.json", job["name"], "seed")
         digest = content_hash({name: check_run(f"sweep/{name}/", members, store) for name in names})
     print(f"bundle digest: {bundle}\ndigest: {digest}")
 

@@ -202,6 +202,15 @@ class ExportedOutputs(TypedDict):
     offset: NotRequired[list[float]]
 
 
+class Spread(TypedDict):
+    """The quartiles of values, and how many they are."""
+
+    median: float
+    lower_quartile: float
+    upper_quartile: float
+    count: int
+
+
 #: config.json of an export, in which `class` is no name of Python.
 ExportedConfig = TypedDict(
     "ExportedConfig",
@@ -218,6 +227,17 @@ ExportedConfig = TypedDict(
         "contract": Contract,
     },
 )
+
+
+class ExportedLatency(TypedDict):
+    """latency.json of an export: milliseconds of a pass, by program and number of images."""
+
+    machine: dict[str, Any]
+    versions: dict[str, str]
+    threads: int
+    numerics: str
+    milliseconds: dict[str, dict[str, Spread]]
+
 
 #: What stands at `request` and `answer` of an entry of each kind; of the others any JSON.
 ASKED: dict[str, tuple[Any, Any]] = {
@@ -308,6 +328,7 @@ SCHEMAS: dict[str, tuple[str, Any]] = {
     "trainings": ("a line of trainings.jsonl of such a table", lambda: schema_of(TableTraining)),
     "export_run": ("run.json of an export", lambda: schema_of(ExportedRun)),
     "export_config": ("config.json of an export", lambda: schema_of(ExportedConfig)),
+    "export_latency": ("latency.json of an export", lambda: schema_of(ExportedLatency)),
     "part": ("config.code.NAME in run.json, of a part that decided", lambda: schema_of(PartCode)),
 }
 

@@ -1,9 +1,10 @@
 """The meaning of each setting, from the comments of the schema: those above its line, or the one behind it."""
 
 import ast
-import inspect
-import textwrap
+import sys
 from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
 
 from tacevo.config import schema
 
@@ -18,11 +19,21 @@ def comments() -> dict[str, str]:
 
 
 def comments_of(record: type) -> dict[str, str]:
-    """Return the comment of every field that a class itself has, by its name; empty where there is none."""
-    text = textwrap.dedent(inspect.getsource(record))
-    (made,) = (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
-    lines = text.splitlines()
-    return {ast.unparse(item.target): _said(lines, item) for item in made.body if isinstance(item, ast.AnnAssign)}
+    """Return the comment of every field that a class of a module itself has, by its name; empty where it has none."""
+    return _in_module(record.__module__)[record.__name__]
+
+
+@cache
+def _in_module(name: str) -> dict[str, dict[str, str]]:
+    """Return the comments in a module that was imported, by class, then by field."""
+    text = Path(str(sys.modules[name].__file__)).read_text(encoding="utf-8")
+    lines, classes = text.splitlines(), (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
+    return {
+        made.name: {
+            ast.unparse(item.target): _said(lines, item) for item in made.body if isinstance(item, ast.AnnAssign)
+        }
+        for made in classes
+    }
 
 
 def _said(lines: list[str], field: ast.AnnAssign) -> str:

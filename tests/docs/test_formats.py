@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from checkout import BUNDLES, GOLDEN, PUBLISHED, ROOT
 from jsonschema import Draft202012Validator, ValidationError
+from numpy.typing import NDArray
 
 from tacevo.config.recorded_parts import code_hash
 from tacevo.errors import TacevoError
@@ -289,7 +290,7 @@ def test_checksum_of_an_entry_and_digests_of_code_and_weights_are_made_as_the_pa
     assert entry.pop("checksum") == of_json(entry)
     sources = {"mine.py": "class Mine: ..."}
     assert code_hash("mine", "Mine", sources) == of_json({"module": "mine", "attribute": "Mine", "sources": sources})
-    weights = {"b": np.zeros((2,), np.float32), "a": np.ones((1, 2), np.int64)}
+    weights: dict[str, NDArray[Any]] = {"b": np.zeros((2,), np.float32), "a": np.ones((1, 2), np.int64)}
     text = b"a torch.int64 (1, 2)\n" + weights["a"].tobytes() + b"b torch.float32 (2,)\n" + weights["b"].tobytes()
     assert weights_digest(weights) == hashlib.sha256(text).hexdigest()
 

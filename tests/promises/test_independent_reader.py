@@ -216,6 +216,9 @@ MENDED: dict[str, tuple[Change, str]] = {
     "the run without a digest": (of_json(RUN, lambda run: run.pop("digest")), "run/run.json"),
     "an elite's fitness": (of_json(r"run/archive\.json", more("elites.0.fitness")), "run/archive.json, elites"),
     "an elite gone": (of_json(r"run/archive\.json", lambda one: one["elites"].pop()), "run/archive.json, elites"),
+    "the coverage": (of_json(r"run/archive\.json", more("coverage")), "run/archive.json, coverage"),
+    "a setting": (of_json(RUN, more("config.training.epochs")), "run/run.json, config.training"),
+    "the run's seed": (of_json(RUN, more("config.seed")), "run/run.json, config.seed"),
     "a source": (replaced(r"run/candidates/g00s00\.py", "class", "klass"), "line 2, g00s00, source"),
     "a source gone": (without(r"run/candidates/g00s00\.py"), "line 2, g00s00, source"),
     "the archive gone": (without(r"run/archive\.json"), "run/archive.json"),
@@ -237,6 +240,8 @@ MENDED: dict[str, tuple[Change, str]] = {
     ),
     "the study's digest": (of_json(STUDY, lambda study: study.update(digest="0" * 64)), "study.json, digest"),
     "the study's seeds": (of_json(STUDY, more("seeds")), "study.json, seeds"),
+    "the study's margin": (of_json(STUDY, more("terms.margin.value")), "study.json, terms"),
+    "a network's fitness": (of_json(STUDY, more("networks.0.fitness")), "study.json, networks"),
     "a loss in the store": (
         of_store("evaluations", more("answer.training.validation_losses.0")),
         "validation_losses",
@@ -297,6 +302,7 @@ def test_second_member_of_a_name_is_found(tmp_path: Path) -> None:
 #: Edits of a sweep whose manifest was made anew.
 OF_SWEEPS: dict[str, tuple[Change, str]] = {
     "a job gone": (of_json(r"sweep/sweep\.json", lambda sweep: sweep["jobs"].pop()), "sweep/sweep.json, jobs"),
+    "a job's seed": (of_json(r"sweep/sweep\.json", more("jobs.0.seed")), "sweep/sweep.json"),
     "a run gone": (without(r"sweep/[^/]*/run\.json"), "sweep/sweep.json, jobs"),
     "a candidate's file": (of_store("candidates", lambda entry: entry["answer"].update(text="x")), "source"),
     "an answer": (of_store("completions", lambda entry: entry["answer"].update(text="x")), "answer"),
