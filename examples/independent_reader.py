@@ -26,7 +26,6 @@ FITNESS = {  # the rules that TacEvo has
     "mean_of_3": lambda losses: rounded(statistics.fmean(losses[-3:])),
 }
 
-
 Store = collections.namedtuple("Store", ("entries", "asked", "answers"))
 
 
@@ -57,6 +56,11 @@ def key_of(kind, request):
 def seed_of(*name):
     """Return the seed that a purpose has, such as the run's seed, `study` and 3: 63 bits of a hash."""
     return int(sha256(json.dumps(name))[:32], 16) % 2**63
+
+
+def tell(text, file=sys.stdout):
+    """Print a line, in which no name from a file can begin another one."""
+    print("".join(letter if letter.isprintable() else "?" for letter in text), file=file)
 
 
 def rounded(value):
@@ -107,8 +111,8 @@ def read_lines(data, name):
     for number, text in enumerate(data.decode().removesuffix("\n").split("\n"), 1):
         line, place = parse(text.encode(), name, f"line {number}"), (name, f"line {number}")
         with at(*place):
-            if canonical(line) != text:
-                raise ValueError("the same record in another text")
+            if canonical(line) != text or not isinstance(line, dict):
+                raise ValueError("no record, or one in another text")
             yield ((*place, line["id"]) if "id" in line else place), line, text
 
 
@@ -135,7 +139,7 @@ def read_members(path):
     for name in sorted(listed.keys() | members.keys()):
         expect(sha256(members[name]) if name in members else None, listed.get(name), name, "SHA-256")
     expect(text, "".join(f"{listed[name]}  {name}\n" for name in sorted(listed)), MANIFEST, "text")
-    print(f"{MANIFEST}: {len(members)} members, each with its SHA-256, and no other")
+    tell(f"{MANIFEST}: {len(members)} members, each with its SHA-256, and no other")
     return members, sha256(text)
 
 
@@ -150,12 +154,13 @@ def read_store(data):
             kind, request, answer = entry["kind"], entry["request"], entry["answer"]
             expect(last < (kind, text), True, *place, "order")
             last = (kind, text)
+            expect((kind, key_of(kind, request)) in entries, False, *place, "request, which stands above")
             entries[kind, key_of(kind, request)] = (request, answer)
             if kind == "completions":
                 asked[content_hash(request)] = content_hash({field: answer[field] for field in SAID})
             if kind == "arrays":
                 expect(sha256(base64.b64decode(answer["base64"], validate=True)), request["sha256"], *place, "base64")
-    print(f"{STORE}: {len(entries)} entries, in their one order and text")
+    tell(f"{STORE}: {len(entries)} entries, in their one order and text")
     return Store(entries, asked, set(asked.values()))
 
 
@@ -167,9 +172,8 @@ def training_of(line, store, *, kind, source, data, version, seed, place):
     expect([request["data"], request["version"]], [data["fingerprint"], version], *place, "data and rules, as trained")
     expect(request["seed"], seed_of(*seed), *place, "training seed")
     rejection = answer.get("rejection", {})
-    expect(
-        [line.get(name) for name in ("stage", "reason")], [*map(rejection.get, ("stage", "reason"))], *place, "reason"
-    )
+    for field in ("stage", "reason"):
+        expect(line.get(field), rejection.get(field), *place, field)
     if rejection:
         return None
     training = (answer.get("full") or answer)["training"]
@@ -239,7 +243,7 @@ def check_run(folder, members, store):
         held = {str(one["niche"]): {field: one[field] for field in fields} for one in prompts["trials"]}
         expect(content_hash(held), last["prompt_archive"], names[2], "trials")
     trained = sum(value is not None for value in fitness.values())
-    print(f"{names[3]}: {len(lines)} lines in a chain; {trained} of {len(fitness)} candidates trained, as in the store")
+    tell(f"{names[3]}: {len(lines)} lines in a chain; {trained} of {len(fitness)} candidates trained, as in the store")
     for study in sorted({name.rpartition("/")[0] for name in members if name.startswith(f"{folder}studies/")}):
         check_study(study, members, store, header, hashes)
     return hashes[-1]
@@ -279,8 +283,8 @@ def check_study(folder, members, store, run, hashes):
         for row in csv.DictReader(members[table].decode().splitlines()):
             if row["network"] in medians:
                 expect(row.get("median"), str(medians[row["network"]]), table, row["network"], "median")
-    print(f"{name}: {len(rows)} scores as in the store; digest {chain[-1]}")
-    print(f"  medians: {', '.join(f'{network} {value:.3g}' for network, value in medians.items())}")
+    tell(f"{name}: {len(rows)} scores as in the store; digest {chain[-1]}")
+    tell(f"  medians: {', '.join(f'{network} {value:.3g}' for network, value in medians.items())}")
 
 
 def check_score(row, answer, header, run, store, *place):
@@ -325,8 +329,9 @@ def check(path):
     """Check a file, and print what was checked, the bundle digest, and the digest to cite."""
     members, bundle = read_members(path)
     store = read_store(members[STORE])
-    packed = [entry for (kind, _), entry in store.entries.items() if kind == "candidates"]  # the files of a sweep's
-    members |= {request["file"]: answer["text"].encode() for request, answer in packed}
+    for request, answer in (entry for (kind, _), entry in store.entries.items() if kind == "candidates"):
+        expect(request["file"] in members, False, STORE, "a file of its own")  # a sweep has its candidates' there
+        members[request["file"]] = answer["text"].encode()
     if "run/run.json" in members:
         digest = check_run("run/", members, store)
     else:
@@ -339,7 +344,8 @@ def check(path):
             run = parse(members[f"sweep/{job['name']}/run.json"], job["name"])
             expect(job["seed"], run["config"]["seed"], "sweep/sweep.json", job["name"], "seed")
         digest = content_hash({name: check_run(f"sweep/{name}/", members, store) for name in names})
-    print(f"bundle digest: {bundle}\ndigest: {digest}")
+    tell(f"bundle digest: {bundle}")
+    tell(f"digest: {digest}")
 
 
 if __name__ == "__main__":
@@ -349,4 +355,5 @@ if __name__ == "__main__":
         with at(sys.argv[1]):
             check(sys.argv[1])
     except DifferentError as problem:
-        sys.exit(f"different: {problem}")
+        tell(f"different: {problem}", sys.stderr)
+        sys.exit(1)

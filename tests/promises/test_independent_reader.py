@@ -178,6 +178,16 @@ def better(entry: dict[str, Any]) -> None:
     entry["answer"]["full"]["training"]["validation_losses"][-1] = 1e-9
 
 
+def answered_twice(members: Members) -> Members:
+    """Add an entry with the question of another one."""
+    _, *lines = lzma.decompress(members["store.jsonl.xz"]).splitlines()
+    entry = next(one for line in lines if (one := json.loads(line))["kind"] == "evaluations")
+    entry["answer"]["training"]["validation_losses"][0] += 1
+    kept = sorted((json.loads(line)["kind"], line.decode()) for line in [*lines, canonical(entry).encode()])
+    text = "\n".join([canonical({"schema": 1, "entries": len(kept)}), *(line for _, line in kept)]) + "\n"
+    return {**members, "store.jsonl.xz": lzma.compress(text.encode())}
+
+
 def first(members: Members, name: str) -> str:
     """Return the first member of such a file."""
     return next(one for one in sorted(members) if one.endswith(f"/{name}"))
@@ -207,6 +217,7 @@ MENDED: dict[str, tuple[Change, str]] = {
         of_lines(LEDGER, 1, lambda line: line.update(evaluation="0" * 64), digest=RUN),
         "line 2, g00s00",
     ),
+    "a line that is no record": (replaced(LEDGER, r"\A[^\n]*", "[]"), f"{LEDGER}, line 1"),
     "another text of a line": (replaced(LEDGER, '":', '": '), f"{LEDGER}, line 1"),
     "a number that is none": (replaced(LEDGER, r'"fitness":[0-9.]+', '"fitness":NaN'), f"{LEDGER}, line 2"),
     "a key a second time": (replaced(LEDGER, r'"fitness":', '"fitness":0.1,"fitness":'), f"{LEDGER}, line 2"),
@@ -247,6 +258,7 @@ MENDED: dict[str, tuple[Change, str]] = {
         "validation_losses",
     ),
     "a question in the store": (of_store("evaluations", more("request.seed")), "evaluation"),
+    "an entry with two answers": (answered_twice, "store.jsonl.xz, line"),
     "an entry gone": (of_store("evaluations", lambda entry: entry.pop("kind")), "evaluation"),
     "a metric in the store": (of_store("studies", more("answer.full.metrics.accuracy")), "metrics"),
     "a last loss of a study": (of_store("studies", better), "validation_loss"),
@@ -304,6 +316,10 @@ OF_SWEEPS: dict[str, tuple[Change, str]] = {
     "a job gone": (of_json(r"sweep/sweep\.json", lambda sweep: sweep["jobs"].pop()), "sweep/sweep.json, jobs"),
     "a job's seed": (of_json(r"sweep/sweep\.json", more("jobs.0.seed")), "sweep/sweep.json"),
     "a run gone": (without(r"sweep/[^/]*/run\.json"), "sweep/sweep.json, jobs"),
+    "a ledger in the store": (
+        of_store("candidates", lambda entry: entry["request"].update(file="sweep/sweep.json")),
+        "store.jsonl.xz, a file of its own",
+    ),
     "a candidate's file": (of_store("candidates", lambda entry: entry["answer"].update(text="x")), "source"),
     "an answer": (of_store("completions", lambda entry: entry["answer"].update(text="x")), "answer"),
     "a question": (of_store("completions", more("request.draw")), "answer"),
@@ -338,6 +354,14 @@ def test_what_the_page_says_is_not_found_has_another_bundle_digest(edit: str, tm
     before = read(PUBLISHED / "grating-winners.zip").stdout.splitlines()
     after = read(zipped(honest(UNFOUND[edit](studied())), tmp_path / "x.zip")).stdout.splitlines()
     assert (after[-1], after[-2] == before[-2]) == (before[-1], False)
+
+
+def test_name_in_a_file_begins_no_line(tmp_path: Path) -> None:
+    """A member whose name has a line break cannot make a line that looks like a digest."""
+    members = {**studied(), "run/x\ndigest: 00": b"x"}
+    done = read(zipped(honest(members), tmp_path / "x.zip"))
+    assert "digest: 00" not in (done.stdout + done.stderr).splitlines()
+    assert len(done.stderr.splitlines()) == done.returncode
 
 
 @pytest.mark.parametrize("data", [b"", b"no zip file"], ids=["empty", "text"])
