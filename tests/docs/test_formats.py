@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from tacevo.config.recorded_parts import code_hash
 from tacevo.errors import TacevoError
 from tacevo.evolution.run_files import NetworkArchiveFile, PromptFile, line_kind
-from tacevo.results.space_table import read_table
 from tacevo.results.study_lines import StudyRecord, study_line_kind
 from tacevo.results.table_records import DECISIVE, Header, TableNetwork, TableTraining
 from tacevo.storage.canonical import canonical
@@ -268,8 +267,11 @@ def of_json(value: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+@pytest.mark.room("table")
 def test_digest_of_a_table_is_made_as_the_page_says() -> None:
     """The one that replays of it and runs that looked into it have."""
+    from tacevo.results.space_table import read_table
+
     (path,) = TABLES.glob("*.zip")
     with zipfile.ZipFile(path) as archive:
         header = json.loads(archive.read("table.json"))
