@@ -10,6 +10,7 @@ INSTALL := $(BIN)/python .ci/install.py
 PEERS := build/peers
 TABLE_PEERS := build/table-peers
 DOCS := build/docs
+AUDIT := build/audit
 
 # Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
 TWO := --numprocesses 2 --dist worksteal
@@ -18,7 +19,7 @@ test test-core test-parts test-slow test-all test-cluster test-cluster-all cover
 test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper pictures schemas docs lock clean
+.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper pictures schemas docs release audit lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -176,6 +177,7 @@ paper: $(READS)/.ready ## every table and figure of the published runs, or of RU
 
 pictures: $(READS)/.ready ## draw every picture of README and of the pages anew, which tests compare
 	$(READS)/bin/python docs/site/loop.py docs/figures/loop.svg
+	$(READS)/bin/python docs/site/difficulty.py docs/figures/difficulty.svg
 	$(READS)/bin/python docs/site/diagrams.py docs/figures
 	$(READS)/bin/python docs/site/pictures.py docs/figures
 	$(READS)/bin/python docs/found/draw.py docs/found
@@ -193,6 +195,18 @@ $(DOCS)/.ready: $(READY) requirements-docs.lock
 	@touch $@
 
 OURS := --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel
+release: ## from a clean checkout: wheel and sdist, checked and tried in empty environments; says what a person uploads
+	$(PYTHON) .ci/release.py
+
+audit: $(AUDIT)/.ready ## compare what is locked with the public list of known faults (needs pypi.org)
+	@for lock in requirements.lock requirements-check.lock requirements-dev.lock requirements-docs.lock; do \
+		echo "$$lock"; $(AUDIT)/bin/pip-audit --requirement $$lock --require-hashes --disable-pip --strict || exit; done
+
+$(AUDIT)/.ready:
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/pip install --quiet --disable-pip-version-check pip-audit
+	@touch $@
+
 lock: ## resolve the dependencies again into requirements*.lock, with the hashes of every file (ten minutes)
 	rm -rf build/lock
 	$(PYTHON) -m venv build/lock

@@ -13,7 +13,7 @@ Where several sweeps are given, the last one is the control.
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,7 @@ from scipy.stats import wilcoxon
 import tacevo
 from analysis.statistics.effects import mean_with_interval
 from analysis.statistics.tests import holm
+from tacevo.storage.sweep_directory import SweepDirectory
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -57,22 +58,31 @@ def against_baseline(scores: pd.DataFrame) -> pd.DataFrame:
     return losses.sub(losses.baseline, axis=0).drop(columns="baseline")
 
 
-def chosen(scores: pd.DataFrame) -> Iterator[float]:
-    """Yield, for each seed that chooses, what `against_baseline` says of the chosen network by the other seeds.
+def more_right(scores: pd.DataFrame) -> pd.DataFrame:
+    """Return by how many points each network's test accuracy is above the baseline's, as `against_baseline`."""
+    points = 100 * scores.pivot_table(index="seed", columns="network", values="accuracy")
+    return points.sub(points.baseline, axis=0).drop(columns="baseline")
+
+
+def chosen(scores: pd.DataFrame, worth: Callable[[pd.DataFrame], pd.DataFrame] = against_baseline) -> Iterator[float]:
+    """Yield, for each seed that chooses, the mean worth of the chosen network by the other seeds.
 
     By the seed of a failed training its network is not chosen.
     """
     validation = scores.pivot_table(index="seed", columns="network", values="validation_loss").drop(columns="baseline")
-    test = against_baseline(scores)
+    test = worth(scores)
     for seed in validation.index:
         yield float(test.loc[test.index != seed, validation.loc[seed].idxmin()].mean())
 
 
 def _arms(sweep: tacevo.Sweep) -> dict[str, dict[int, float]]:
-    """Return the logarithm of the ratio of each job with a study, by arm and seed."""
+    """Return the logarithm of the ratio of each job with a study, by arm and seed.
+
+    Jobs are read one by one: those of the control differ in their networks too, so as a sweep they cannot be compared.
+    """
     arms: dict[str, dict[int, float]] = {}
-    for job in sweep.jobs.itertuples():
-        for study in sweep.run(str(job.Index)).studies:
+    for job in SweepDirectory(sweep.place.folder).read().jobs:
+        for study in sweep.run(job.name).studies:
             if study.is_noise or study.is_choice:
                 continue
             arms.setdefault(job.arm, {})[job.seed] = float(np.mean([*chosen(study.scores)]))

@@ -157,11 +157,10 @@ def forest(ablation: Ablation) -> Figure:
         colour = BLUE if is_shown else GREY
         interval(axes, place, factor * one.difference, ends, colour=colour, marker="o", is_filled=is_shown)
         beside(axes, place, shown(PValue(one.p_holm)))
-    beside(axes, -1, "p after Holm")
     axes.set_yticks(range(len(rows)), names, parse_math=False)
     sides = ("better", "worse") if metric in LESS_IS_BETTER else ("worse", "better")
     label = f"{metric.value}{unit}: arm less {ablation.reference}, medians"
-    forest_axes(axes, len(rows), fill(label, _WIDE), sides)
+    forest_axes(axes, len(rows), fill(label, _WIDE), sides, "p after Holm")
     return figure
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.patches import PathPatch
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import Formatter, Locator, MaxNLocator, NullFormatter, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
@@ -79,6 +80,21 @@ def name_coinciding(axes: Axes) -> None:
 def spread(place: float, count: int) -> NDArray[np.float64]:
     """Spread so many points evenly around a place, or one on it."""
     return place + (np.linspace(-_SPREAD, _SPREAD, count) if count > 1 else np.zeros(count))
+
+
+def name_point(axes: Axes, name: str, point: tuple[float, float], *, is_left: bool = False) -> None:
+    """Write a name beside a point, readable over lines and other points."""
+    axes.annotate(
+        name,
+        point,
+        xytext=(-4 if is_left else 4, 0),
+        textcoords="offset points",
+        ha="right" if is_left else "left",
+        va="center",
+        zorder=5,
+        path_effects=[withStroke(linewidth=1.8, foreground="white")],
+        parse_math=False,
+    )
 
 
 class RoundLogLocator(Locator):
@@ -156,12 +172,15 @@ def interval(
 
 
 def beside(axes: Axes, row: int, words: str) -> None:
-    """Write words to the right of a row of a forest plot; row -1 is its head."""
+    """Write words to the right of a row of a forest plot."""
     axes.text(_BESIDE, row, words, transform=axes.get_yaxis_transform(), va="center")
 
 
-def forest_axes(axes: Axes, rows: int, label: str, sides: tuple[str, str]) -> None:
-    """Complete a forest plot: the line of no difference, which always is in sight, and what lies at either side."""
+def forest_axes(axes: Axes, rows: int, label: str, sides: tuple[str, str], head: str) -> None:
+    """Complete a forest plot: the line of no difference, which always is in sight, and what lies at either side.
+
+    `head` stands above what is beside its rows.
+    """
     axes.axvline(0, color=BLACK, linewidth=0.8, zorder=1)
     low, high = axes.get_xlim()
     axes.set(ylim=(rows - 0.5, -0.5), xlabel=label, xlim=(low, high))
@@ -169,6 +188,7 @@ def forest_axes(axes: Axes, rows: int, label: str, sides: tuple[str, str]) -> No
     for place, side, words in (
         (0.0, "left", f"\N{LEFTWARDS ARROW} {sides[0]}"),
         (1.0, "right", f"{sides[1]} \N{RIGHTWARDS ARROW}"),
+        (_BESIDE, "left", f"{head}\n"),  # a line above the sides, which it does not belong to
     ):
         axes.text(place, 1.02, words, transform=axes.transAxes, ha=side, va="bottom")
     axes.grid(axis="x", color="#DDDDDD")

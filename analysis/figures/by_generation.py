@@ -9,7 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from analysis.figures.axes import count_along, name_coinciding, on_loss_axis, spread, title_unsent_temperatures
+from analysis.figures.axes import (
+    count_along,
+    name_coinciding,
+    name_point,
+    on_loss_axis,
+    spread,
+    title_unsent_temperatures,
+)
 from analysis.figures.style import (
     BLACK,
     BLUE,
@@ -25,6 +32,9 @@ from analysis.figures.style import (
 )
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun
+
+#: The most re-estimates that have their names beside them; more would lie on each other.
+_NAMED = 8
 
 #: How candidates that a stage rejected are drawn: label, colour, hatching.
 _STAGES = {
@@ -65,7 +75,7 @@ def fitness_evolution(
     on_loss_axis(axes, [*best, *medians, *new, baseline, *estimates])
     count_along(axes, "generation")
     name_coinciding(axes)
-    figure.legend(loc="outside upper center", ncols=3)
+    figure.legend(loc="outside upper center", ncols=3, columnspacing=1.4)
     return figure
 
 
@@ -76,14 +86,21 @@ def _reestimates(axes: Axes, run: RecordedRun, again: Mapping[str, float]) -> li
         if line.id in again and line.fitness is not None:
             known.setdefault(line.generation, []).append((line.id, line.fitness))
     drawn = []
+    is_named = sum(map(len, known.values())) <= _NAMED
+    last = max((entry.generation for entry in run.generations), default=0)
     for generation, those in known.items():
-        for place, (name, recorded) in zip(spread(generation, len(those)), those, strict=True):
+        for number, (place, (name, recorded)) in enumerate(zip(spread(generation, len(those)), those, strict=True)):
             mark: dict[str, Any] = {"color": BLACK if name == run.baseline.id else ORANGE, "zorder": 4, **OUTLINED}
             axes.plot([place] * 2, [recorded, again[name]], color=mark["color"], linewidth=0.8, zorder=3)
+            axes.plot(place, recorded, "_", color=mark["color"], markersize=5, zorder=3)
             axes.plot(place, again[name], "D", markersize=4.2, **mark)
+            if is_named:  # side by side, one name is to the left and one to the right; at the ends there is one side
+                is_left = generation > 0.8 * last or (generation > 0 and number < (len(those) - 1) / 2)
+                name_point(axes, name, (place, again[name]), is_left=is_left)
             drawn.append(again[name])
     if drawn:
-        axes.plot([], [], "D", markersize=4.2, color=ORANGE, label="re-estimated")
+        axes.plot([], [], "D", markersize=4.2, color=ORANGE, label="with other seeds")
+        axes.plot([], [], "_", markersize=5, color=ORANGE, label="on record")
     return drawn
 
 

@@ -15,7 +15,6 @@ from analysis.figures.axes import logarithmic, title_unsent_temperatures
 from analysis.figures.style import (
     BLACK,
     COLOUR_MAP,
-    DARKEST,
     GREY,
     OUTLINED,
     PALE,
@@ -24,8 +23,9 @@ from analysis.figures.style import (
     house_style,
     new_figure,
 )
-from analysis.runs.coverage_map import axis_label
+from analysis.runs.coverage_map import DIRECTIONS, axis_label
 from analysis.runs.niches import Polygon, cells, prompt_rows
+from tacevo.choices import Scale
 from tacevo.results.run import RecordedRun, descriptors_of
 
 #: (low, high) of both axes, in their units.
@@ -36,6 +36,12 @@ HEIGHT, _ROW = 3.1, 0.145
 
 #: Half the height of what fills a row, of which 1 is from one row to the next.
 _HALF = 0.42
+
+#: The order of marks, which would be cut by the frame if they were not above it.
+_ABOVE = 4
+
+#: The colours of curiosity, which are not those of losses, and of its least value, 0.5.
+_CURIOSITY, _LEAST = "Purples", "#F3F1F8"
 
 
 @house_style()
@@ -55,16 +61,17 @@ def network_map(run: RecordedRun, centroids: NDArray[np.float64]) -> Figure:
     _points(axes, [place for name, place in places.items() if name not in moved], "elite")
     if run.elites:
         best = places[run.ranked()[0].id]
-        axes.plot(*best, "*", color=VERMILLION, markersize=8, label="best", clip_on=False, **OUTLINED)
+        star: dict[str, Any] = {"color": VERMILLION, "markersize": 8, "clip_on": False, "zorder": _ABOVE, **OUTLINED}
+        axes.plot(*best, "*", label="best", **star)
         bar = figure.colorbar(filled, label="validation loss of the elite", pad=0.02)
         if isinstance(filled.norm, LogNorm):
             bar.set_label("validation loss of the elite (logarithmic scale)")
             logarithmic(bar.ax.yaxis)
     if moved:
         outside = [places[name] for name in sorted(moved)]
-        marks: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "clip_on": False, "zorder": 4, **OUTLINED}
+        marks: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "clip_on": False, "zorder": _ABOVE, **OUTLINED}
         axes.plot(*zip(*outside, strict=True), "X", label="outside the bounds", **marks)
-    across, up = (axis_label(axis, scale, r"$\log_{10}$") for axis in run.config.archive.axes)
+    across, up = (_named(axis, scale) for axis in run.config.archive.axes)
     axes.set(xlabel=across, ylabel=up)
     _legend(figure, axes)
     return figure
@@ -96,24 +103,30 @@ def prompt_map(run: RecordedRun, centroids: NDArray[np.float64], reachable: Coll
     shade = {"facecolor": SHADE, "edgecolor": GREY, "hatch": "...."}
     draw(lambda niche: niche not in trials and niche not in reachable, "out of reach", **shade)
     held = [(niche, piece) for niche, piece in pieces if niche in trials]
-    filled = PolyCollection([piece for _, piece in held], edgecolor=GREY, linewidth=0.3, cmap=COLOUR_MAP)
+    filled = PolyCollection([piece for _, piece in held], edgecolor=GREY, linewidth=0.3, cmap=_CURIOSITY)
     filled.set(array=[trials[niche].curiosity for niche, _ in held], norm=Normalize(0.5, 2.0))
     axes.add_collection(filled)
     fruitless = {niche for niche, trial in trials.items() if not trial.inserted}
-    over: dict[str, Any] = {"edgecolor": "white", "hatch": "/////"}
+    over: dict[str, Any] = {"edgecolor": GREY, "hatch": "/////"}
     draw(lambda niche: niche in fruitless, facecolor="none", **over)
     if fruitless:
-        legend.append(Patch(facecolor=DARKEST, linewidth=0.3, label="child not inserted", **over))
+        legend.append(Patch(facecolor=_LEAST, linewidth=0.3, label="child not inserted", **over))
     _points(axes, [(trial.temperature, trial.prompt) for trial in run.prompt_trials], "trial")
     if run.prompt_trials:
         figure.colorbar(filled, label="curiosity of the trial", pad=0.02, ticks=[0.5, 1.0, 1.5, 2.0])
     names = [name.replace("_", " ") for name in run.instructions]
     axes.set_yticks(range(len(rows)), names, parse_math=False)
     axes.tick_params(axis="y", length=0)
-    axes.set(xlim=(0, 1), ylim=(len(rows) - 0.5, -0.5), xlabel=f"temperature $T_g${run.carried}")
+    axes.set(xlim=(-0.015, 1.015), ylim=(len(rows) - 0.5, -0.5), xlabel=f"temperature $T_g${run.carried}")
     title_unsent_temperatures(axes, run)
     _legend(figure, axes, legend)
     return figure
+
+
+def _named(axis: str, scale: Scale) -> str:
+    """Write the label of an axis, below it what its ends mean, where they have words."""
+    label, ends = axis_label(axis, scale, r"$\log_{10}$"), DIRECTIONS.get(axis)
+    return label if ends is None else f"{label}\n\N{LEFTWARDS ARROW} {ends[0]} ... {ends[1]} \N{RIGHTWARDS ARROW}"
 
 
 def _piece(row: int, low: float, high: float) -> Polygon:
@@ -149,7 +162,7 @@ def _points(axes: Axes, points: Sequence[tuple[float, float]], label: str) -> No
     """Mark where the occupants stand, visibly on light and on dark cells."""
     if points:
         marks: dict[str, Any] = {"color": BLACK, "markersize": 2.8, "linestyle": "", "clip_on": False, **OUTLINED}
-        axes.plot(*zip(*points, strict=True), marker="o", label=label, **marks)
+        axes.plot(*zip(*points, strict=True), marker="o", label=label, zorder=_ABOVE, **marks)
 
 
 def _extent(run: RecordedRun) -> Extent:

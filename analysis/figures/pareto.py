@@ -4,7 +4,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
-from analysis.figures.axes import count_along, logarithmic
+from analysis.figures.axes import count_along, logarithmic, name_point
 from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, OUTLINED, house_style, new_figure
 from analysis.runs.pareto import REESTIMATED
 
@@ -19,24 +19,25 @@ def pareto(candidates: pd.DataFrame, front: pd.DataFrame, baseline: str, generat
         baseline: id of the baseline.
         generations: as of `analysis.runs.pareto.with_hypervolumes`.
     """
-    figure, (left, right) = new_figure("double", 2.4, columns=2)
-    left.plot(candidates.flops, candidates.fitness, "o", color=GREY, markersize=2, label="trained")
+    figure, (upper, lower) = new_figure("single", 4.4, rows=2)
+    upper.plot(candidates.flops, candidates.fitness, "o", color=GREY, markersize=2, label="trained")
     edge = front.sort_values("flops")
-    left.step(edge.flops, edge.fitness, where="post", color=BLUE, linewidth=0.8)
+    upper.step(edge.flops, edge.fitness, where="post", color=BLUE, linewidth=0.8)
     again = edge.estimate == REESTIMATED
     for those, marker, colour, label in ((~again, "s", BLUE, "front"), (again, "D", ORANGE, "front, re-estimated")):
         if those.any():
-            left.plot(edge.flops[those], edge.fitness[those], marker, color=colour, label=label)
+            upper.plot(edge.flops[those], edge.fitness[those], marker, color=colour, label=label)
     if baseline in candidates.index:
         of_baseline = candidates.loc[baseline]
-        star = {"color": BLACK, "markersize": 9, "zorder": 4, **OUTLINED}  # above the points, which would hide it
-        left.plot(of_baseline.flops, of_baseline.fitness, "*", label="baseline", **star)
-    left.set(xlabel="FLOPs of one image", ylabel="validation loss")
-    logarithmic(left.xaxis, EngFormatter(sep=""))
+        mark = {"color": BLACK, "markersize": 7, "zorder": 4, **OUTLINED}  # above the points, which would hide it
+        upper.plot(of_baseline.flops, of_baseline.fitness, "^", label="baseline", **mark)
+        name_point(upper, "baseline", (of_baseline.flops, of_baseline.fitness))
+    upper.set(xlabel="FLOPs of one image", ylabel="validation loss")
+    logarithmic(upper.xaxis, EngFormatter(sep=""))
     if candidates.fitness.min() > 0:
-        logarithmic(left.yaxis)
-    right.plot(generations.index, 100 * generations.hypervolume, color=BLUE, marker="o", clip_on=False, zorder=3)
-    right.set(ylabel="hypervolume (% of the box)", ylim=(0, 100))
-    count_along(right, "generation")
-    figure.legend(loc="outside upper center", ncols=4)
+        logarithmic(upper.yaxis)
+    lower.plot(generations.index, 100 * generations.hypervolume, color=BLUE, marker="o", clip_on=False, zorder=3)
+    lower.set(ylabel="hypervolume (% of the box)", ylim=(0, 100))
+    count_along(lower, "generation")
+    figure.legend(loc="outside upper center", ncols=2)
     return figure

@@ -24,7 +24,7 @@ from tacevo.text import counted
 _COARSE = 0.5
 
 #: In inches: the height of a network's row in a forest plot, and of what stands above and below all rows.
-_ROW, _AROUND = 0.3, 0.95
+_ROW, _AROUND = 0.3, 1.15
 
 #: How a verdict is drawn: colour, marker, whether it is filled.
 _VERDICTS = {
@@ -99,17 +99,17 @@ def forest(study: RecordedStudy, comparisons: pd.DataFrame) -> Figure:
     factor, _ = _unit(study)
     names = {network.name: network.whole_name for network in study.networks}
     margin = factor * float(comparisons.margin.iloc[0])
-    axes.axvspan(-margin, margin, color=SHADE, alpha=0.5, linewidth=0, zorder=0)
+    axes.axvspan(-margin, margin, color=SHADE, alpha=0.5, linewidth=0, zorder=0, label="margin of equivalence")
     for place, one in enumerate(comparisons.itertuples()):
         ends = factor * one.difference_low, factor * one.difference_high
         colour, marker, is_filled = _VERDICTS[Verdict(one.verdict)]
         interval(axes, place, factor * one.difference, ends, colour=colour, marker=marker, is_filled=is_filled)
         beside(axes, place, f"{one.verdict}, p {p_in_words(deciding_p(one))}")
-    beside(axes, -1, "p after Holm")
     axes.set_yticks(range(len(comparisons)), [names[one] for one in comparisons.network], parse_math=False)
     where = "points of test accuracy" if study.primary in SHARES else f"test {metric_name(study.primary)}"
     better = ("better", "worse") if LOWER_IS_BETTER[study.primary] else ("worse", "better")
-    forest_axes(axes, len(comparisons), f"difference to the baseline, {where}", better)
+    forest_axes(axes, len(comparisons), f"difference to the baseline, {where}", better, "p after Holm")
+    figure.legend(loc="outside lower center", handlelength=1.2)
     return figure
 
 

@@ -25,15 +25,18 @@ GREY, SHADE, PALE = "#767676", "#D0D0D0", "#F2F2F2"
 #: Of quantities: dark to light, even in grey.
 COLOUR_MAP = "cividis"
 
-DARKEST = "#00224E"
-
 #: Of a marker that stands on others or on dark cells.
 OUTLINED: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 
+#: Points of letters: of a column of a paper; and of a page that shows a figure of two columns 720 pixels wide, where
+#: they are 12 pixels.
+PAPER, PAGE = 7.0, 8.6
+
+_LETTERS = ("font.size", "axes.labelsize", "legend.fontsize", "xtick.labelsize", "ytick.labelsize")
+
 _STYLE: list[str | dict[str, Any]] = [
     "default",  # not the user's own matplotlibrc
-    {"font.family": "DejaVu Sans", "font.size": 7, "axes.titlesize": 8, "axes.labelsize": 7, "legend.fontsize": 7}
-    | {"xtick.labelsize": 7, "ytick.labelsize": 7, "mathtext.fontset": "dejavusans"}
+    {"font.family": "DejaVu Sans", "axes.titlesize": 8, "mathtext.fontset": "dejavusans"}
     | {"axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.1}
     | {"xtick.minor.width": 0.4, "ytick.minor.width": 0.4, "xtick.major.size": 2.5, "ytick.major.size": 2.5}
     | {"lines.markersize": 3.2, "patch.linewidth": 0.5, "hatch.linewidth": 0.5, "grid.linewidth": 0.4}
@@ -43,9 +46,9 @@ _STYLE: list[str | dict[str, Any]] = [
 
 
 @contextlib.contextmanager
-def house_style() -> Iterator[None]:
-    """Draw in the style of this project; also a decorator."""
-    with style.context(_STYLE):
+def house_style(letters: float = PAPER) -> Iterator[None]:
+    """Draw in the style of this project, with letters of so many points; also a decorator."""
+    with style.context([*_STYLE, dict.fromkeys(_LETTERS, letters)]):
         yield
 
 

@@ -17,6 +17,9 @@ LATTICE = 200
 #: The names of the descriptors, short and in full.
 AXES = {"arch_div": ("ArchDiv", "Architectural Diversity"), "eff_ratio": ("EffRatio", "Efficiency Ratio")}
 
+#: What networks are at the low and at the high end of each descriptor.
+DIRECTIONS = {"arch_div": ("plain", "varied"), "eff_ratio": ("few FLOPs a parameter", "many")}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CoverageMap:

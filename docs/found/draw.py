@@ -1,320 +1,255 @@
-"""Draw what was found, one picture a question, from the published runs alone.
+"""Draw what was found, one picture a question, from the published runs alone, and write all its figures as a table.
 
     python docs/found/draw.py build/paper/found        # as `make paper` does
-    python docs/found/draw.py docs/found               # the pictures of these pages
+    python docs/found/draw.py docs/found               # the pictures and figures.csv of these pages
 
-Nearly every figure is a ratio of losses with its interval, so that pictures can be compared: below 1 is better.
+benchmarks/found computes the figures. Nearly every one is a ratio of losses with its interval, so that pictures can be
+compared: left of the line the first of the two, or the network beside the baseline, has the lower loss.
 """
 
-import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
-import tacevo
-from analysis.figures.style import BLACK, BLUE, GREY, VERMILLION, house_style, new_figure, render
-from analysis.statistics.effects import mean_with_interval
+from analysis.figures.style import BLACK, BLUE, GREY, PAGE, VERMILLION, house_style, new_figure, render
 from analysis.sweeps.pairs import LEAST
-from benchmarks.handed_over import against_baseline, chosen
+from benchmarks.found.estimates import Estimate
+from benchmarks.found.pages import DRAWN, table
+from benchmarks.found.records import LONG, SHORT, pooled, winners
 
-PUBLISHED = Path(__file__).parents[2] / "cache/published"
+#: Inches of a row, of what is above and below all rows, and of each further line below them.
+ROW, FRAME, LINE = 0.215, 0.7, 0.14
 
-#: The runs that had to make room: read as well as the others, and kept where the tests are.
-KEPT = Path(__file__).parents[2] / "tests/golden/bundles"
+#: Points that a letter of a column of numbers needs.
+_WIDTH = 5.2
 
+#: Where the axis of ratios may have ticks: few over a wide range, more over a narrow one.
+TICKS = (
+    (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0),
+    (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.4, 1.6, 2.0),
+)
 
-#: Where the axis of ratios may have ticks.
-TICKS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)
-
-
-class Ratio(NamedTuple):
-    """A ratio with the ends of its 95 % interval."""
-
-    of: str
-    value: float
-    low: float
-    high: float
-    #: Of how many values.
-    count: int
-
-    def __str__(self) -> str:
-        """Write the ratio as the pages do."""
-        return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
+#: What a hollow point says, below a picture that has one.
+HOLLOW = f"hollow: not clear of the line, or fewer than {LEAST} values"
 
 
-def ratio(of: str, logarithms: Iterable[float]) -> Ratio:
-    """Return the geometric mean of ratios with Student's interval of their logarithms."""
-    values = [*logarithms]
-    mean, low, high = map(math.exp, mean_with_interval(values))
-    return Ratio(of, mean, low, high, len(values))
+class Line(NamedTuple):
+    """The line of no difference."""
+
+    at: float
+    name: str
 
 
-def _factor(row: pd.Series) -> tuple[float, float, float, int]:
-    """Return the factor of an arm of pairs, the ends of its interval, and of how many questions it is."""
-    return row.factor, row.factor_low, row.factor_high, int(row.questions)
+BASELINE, EQUAL = Line(1, "baseline = 1"), Line(1, "no difference = 1")
+
+#: How a ratio of losses is read, of two things and beside the baseline.
+OF_TWO = "first loss / second loss: left of the line the first one is better"
+OF_BASELINE = "test loss / baseline's: left of the line better than the baseline"
 
 
-@cache
-def opened(name: str) -> "tacevo.Run | tacevo.Sweep":
-    """Open a published run or sweep by its name."""
-    places = [place for root in (PUBLISHED, KEPT) if (place := root / f"{name}.zip").is_file()]
-    return tacevo.open(places[0])
+@house_style(PAGE)
+def forest(
+    rows: Sequence[Estimate], label: str, *, line: Line = BASELINE, head: str = "ratio [95 %]", beside: str = ""
+) -> Figure:
+    """Draw estimates with their intervals, one a row, below the headings of their groups.
 
-
-def sweep(name: str) -> "tacevo.Sweep":
-    """Open a published sweep."""
-    found = opened(name)
-    assert isinstance(found, tacevo.Sweep)
-    return found
-
-
-def run(name: str) -> "tacevo.Run":
-    """Open a published run."""
-    found = opened(name)
-    assert isinstance(found, tacevo.Run)
-    return found
-
-
-class Winner(NamedTuple):
-    """The best network of a search: its loss on record, and with other training seeds, over those of the baseline."""
-
-    search: str
-    on_record: float
-    again: float
-
-
-@cache
-def winners() -> tuple[Winner, ...]:
-    """Return the best of every published search whose winner and baseline were trained again."""
-    elites = sweep("ablation-elites")
-    searches = [(f"{job.arm}, seed {job.seed}", elites.run(str(job.Index))) for job in elites.jobs.itertuples()]
-    searches += [("Claude, 21 generations", run("grating-claude")), ("grammar, 21 generations", run("grating-grammar"))]
-    found = []
-    for name, one in searches:
-        again = next(study.reestimates for study in one.studies if study.reestimates is not None)
-        medians = again.groupby("id").fitness.median()
-        recorded = again.groupby("id").recorded.first()
-        best = recorded.drop("g00s00").idxmin()
-        found.append(Winner(name, recorded[best] / recorded["g00s00"], medians[best] / medians["g00s00"]))
-    return tuple(found)
-
-
-@house_style()
-def records() -> Figure:
-    """Draw what is left of a record with other training seeds, a row a search."""
-    figure, (axes,) = new_figure("double", 3.4)
-    ordered = sorted(winners(), key=lambda one: one.again)
-    for row, one in enumerate(ordered):
-        axes.plot([one.on_record, one.again], [row, row], color=GREY, zorder=1)
-    rows = range(len(ordered))
-    axes.plot([one.on_record for one in ordered], rows, "o", color=BLUE, markerfacecolor="white", label="on record")
-    axes.plot([one.again for one in ordered], rows, "o", color=BLUE, label="with other training seeds")
-    _complete(axes, [one.search for one in ordered], "best network's validation loss, baseline = 1")
-    figure.legend(loc="outside upper center", ncols=2)
+    A point is filled where its interval is clear of the line and is of six values at least. The axis of ratios is
+    logarithmic. Right of a row stand its numbers, of how many values they are, and what is beside them.
+    """
+    groups = [row.group for row in rows]
+    places, headings = _places(groups)
+    clear = [row.count >= LEAST and not _holds(row, line.at) for row in rows]
+    figure, axes = _frame(places[-1] + 1, label if all(clear) else f"{label}\n{HOLLOW}")
+    for place, row, is_clear in zip(places, rows, clear, strict=True):
+        low, high = row.ends or (row.value, row.value)
+        axes.plot([low, high], [place, place], color=BLUE, solid_capstyle="butt")
+        axes.plot(row.value, place, "o", color=BLUE, markerfacecolor=BLUE if is_clear else "white", markersize=5)
+    if line.at:
+        ends = [end for row in rows for end in row.ends or ()]
+        _ratios(axes, min(*ends, line.at), max(*ends, line.at))
+    _reference(axes, line)
+    _rows(axes, dict(zip(places, (row.of for row in rows), strict=True)), headings)
+    columns = {head: [str(row) for row in rows], "n": [f"{row.count} {row.unit}" for row in rows]}
+    if beside:
+        columns[beside] = [row.beside for row in rows]
+    _columns(axes, places, columns)
     return figure
 
 
-def ends_rows() -> Iterator[Ratio]:
-    """Yield how test losses compare with the baseline's after short and after long trainings."""
-    for name, of in (("grating-claude", "Claude's"), ("grating-grammar", "grammar's")):
-        for study in run(name).studies:
-            if "epochs6" in study.name:
-                for network, logs in against_baseline(study.scores).items():
-                    yield ratio(f"6 epochs: {of} {network}", logs)
-    (winning,) = run("grating-winners").studies
-    for network, logs in against_baseline(winning.scores).items():
-        yield ratio(f"40 epochs: {str(network).replace('_', ' ')}", logs)
-    for arm in ("none", "drift"):
-        yield ratio(f"70 epochs: mean of five, {arm}", [mean for mean, _ in _elites(arm).values()])
-        yield ratio(f"70 epochs: one chosen by a training, {arm}", [one for _, one in _elites(arm).values()])
-    (harder,) = run("grating-chosen-48").studies
-    names = {"chosen": "the chosen elite", "by_hand": "two edits by hand"}
-    for network, logs in against_baseline(harder.scores).items():
-        yield ratio(f"harder task, 70 epochs: {names[str(network)]}", logs)
+def _holds(row: Estimate, value: float) -> bool:
+    """Return whether the interval of a row holds a value."""
+    low, high = row.ends or (row.value, row.value)
+    return low <= value <= high
 
 
-def _elites(arm: str) -> dict[int, tuple[float, float]]:
-    """Return by seed the mean of a search's five elites, and the one that one seed chooses and the other tests."""
-    elites, values = sweep("ablation-elites"), {}
-    for job in elites.jobs[elites.jobs.arm == arm].itertuples():
-        (study,) = (one for one in elites.run(str(job.Index)).studies if not one.is_noise)
-        of_five = float(against_baseline(study.scores).to_numpy().mean())
-        values[int(job.seed)] = of_five, float(np.mean([*chosen(study.scores)]))
-    return values
+def _places(groups: Sequence[str]) -> tuple[list[int], dict[int, str]]:
+    """Return the place of each row from above, and of each heading: a row before the first one of its group."""
+    places: list[int] = []
+    headings: dict[int, str] = {}
+    group, place = "", 0
+    for own in groups:
+        if own != group:
+            group = own
+            headings[place] = own
+            place += 1
+        places.append(place)
+        place += 1
+    return places, headings
+
+
+def _frame(rows: int, label: str) -> tuple[Figure, Axes]:
+    """Begin a picture of so many rows."""
+    figure, (axes,) = new_figure("double", FRAME + ROW * rows + LINE * label.count("\n"))
+    axes.set(ylim=(rows - 0.5, -0.6), xlabel=label)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x", color="#DDDDDD")
+    axes.set_axisbelow(True)
+    return figure, axes
+
+
+def _ratios(axes: Axes, low: float, high: float) -> None:
+    """Make the axis of x one of ratios, wide enough that no line of its own lies on the frame."""
+    axes.set(xscale="log", xlim=(low / 1.06, high * 1.06))
+    few, many = ([tick for tick in ticks if low / 1.06 <= tick <= high * 1.06] for ticks in TICKS)
+    axes.set_xticks(few if len(few) > 3 else many)
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_minor_locator(NullLocator())
+
+
+def _reference(axes: Axes, line: Line) -> None:
+    """Draw the line of no difference, with its name above it, left of it where it is far right."""
+    axes.axvline(line.at, color=BLACK, linewidth=0.8, zorder=0)
+    across = axes.transAxes.inverted().transform(axes.transData.transform((line.at, 0)))[0]
+    side = "right" if across > 0.7 else "center"
+    axes.annotate(line.name, (line.at, -1), ha=side, va="center", annotation_clip=False)
+
+
+def _rows(axes: Axes, names: dict[int, str], headings: dict[int, str]) -> None:
+    """Name the rows, and write the headings at the left edge of the axis, where no row has a point."""
+    axes.set_yticks([*names], [*names.values()])
+    for place, heading in headings.items():
+        axes.annotate(
+            heading, (0, place), xycoords=axes.get_yaxis_transform(), xytext=(4, 0), textcoords="offset points",
+            va="center", weight="bold", annotation_clip=False,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
+        )  # fmt: skip
+
+
+def _columns(axes: Axes, places: Sequence[int], columns: Mapping[str, Sequence[str]]) -> None:
+    """Write columns of text right of the axis, each below its name."""
+    left = 8.0
+    for name, texts in columns.items():
+        for place, text in [(-1.0, name), *zip(places, texts, strict=True)]:
+            axes.annotate(
+                text, (1, place), xycoords=axes.get_yaxis_transform(), xytext=(left, 0), textcoords="offset points",
+                va="center", color=GREY if place < 0 else BLACK, annotation_clip=False,
+            )  # fmt: skip
+        left += _WIDTH * max(map(len, (name, *texts))) + 6
+
+
+def summary() -> Figure:
+    """Draw what was found, a row or two a question."""
+    return forest([*DRAWN["summary"]()], OF_TWO, line=EQUAL)
+
+
+@house_style(PAGE)
+def records() -> Figure:
+    """Draw what is left of a record with other training seeds, a row a search."""
+    groups = [sorted((one for one in winners() if one.group == group), key=lambda one: one.with_other_seeds)
+              for group in (SHORT, LONG)]  # fmt: skip
+    of_all = pooled()
+    short, long = groups
+    places, headings = _places([*(one.group for one in short), SHORT, *(one.group for one in long)])
+    figure, axes = _frame(places[-1] + 1, "best network's validation loss / baseline's: left is better")
+    of_mean, of_searches = places[len(short)], places[: len(short)] + places[len(short) + 1 :]
+    for place, one in zip(of_searches, (*short, *long), strict=True):
+        marker = "o" if one.group == SHORT else "s"
+        axes.plot([one.on_record, one.with_other_seeds], [place, place], color=GREY, zorder=1)
+        axes.plot(one.on_record, place, marker, color=BLUE, markerfacecolor="white", markersize=4.5)
+        axes.plot(one.with_other_seeds, place, marker, color=BLUE, markersize=4.5)
+    assert of_all.ends is not None
+    axes.plot(of_all.ends, [of_mean, of_mean], color=BLACK, solid_capstyle="butt")
+    axes.plot(of_all.value, of_mean, "D", color=BLACK, markersize=4.5)
+    _ratios(axes, min(one.on_record for one in winners()), 1)
+    _reference(axes, BASELINE)
+    named = {place: one.search for place, one in zip(of_searches, (*short, *long), strict=True)}
+    _rows(axes, named | {of_mean: "mean of all 16 [95 %]"}, headings)
+    texts = {place: (f"{one.on_record:.2f}", f"{one.with_other_seeds:.2f}")
+             for place, one in zip(of_searches, (*short, *long), strict=True)}  # fmt: skip
+    texts[of_mean] = ("", str(of_all))
+    on_record, again = zip(*texts.values(), strict=True)
+    _columns(axes, [*texts], {"on record": on_record, "other seeds": again})
+    axes.plot([], [], "o", color=BLUE, markerfacecolor="white", label="on record: one training")
+    axes.plot([], [], "o", color=BLUE, label="median of 2 other seeds")
+    axes.plot([], [], "s", color=BLUE, label="of 20")
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
 
 
 def ends() -> Figure:
     """Draw test losses beside the baseline's, after six epochs and after training to the end."""
-    return forest([*ends_rows()], "test loss, baseline = 1")
+    return forest([*DRAWN["ends"]()], OF_BASELINE)
 
 
-def paper_networks() -> Figure:
-    """Draw the test losses of the paper's networks, rebuilt."""
-    rows = []
-    for name, task in (("grating-variants", "gratings"), ("force-variants", "forces")):
-        (study,) = run(name).studies
-        rows += [ratio(f"{task}: {network}", logs) for network, logs in against_baseline(study.scores).items()]
-    return forest(rows, "test loss, baseline = 1")
-
-
-def operator_rows() -> Iterator[Ratio]:
-    """Yield what children of first mutations and of elites have beside their parents, and beside each other."""
-    compared = sweep("operator-or-search")
-    for name, of in (("parents", "first mutations"), ("selected", "elites")):
-        (job,) = compared.jobs.index[compared.jobs.arm == f"search.networks=[{name}]"]
-        candidates = compared.run(str(job)).candidates
-        losses = dict(zip(candidates.index, np.log(candidates.fitness), strict=True))
-        children = candidates[candidates.generation == 1]
-        logs = [losses[child] - losses[parents[0]] for child, parents in children.parents.items()]
-        yield ratio(f"children of {of} / their parents", logs)
-    arms = compared.pairs("search.networks=[parents]", other_parents=True).arms
-    one = arms.loc["search.networks=[selected]"]
-    yield Ratio("children of elites / of first mutations", *_factor(one))
-
-
-def operator() -> Figure:
-    """Draw how good a child is by its parents."""
-    return forest([*operator_rows()], "loss, ratio")
-
-
-def by_hand() -> Figure:
-    """Draw the test losses of two edits by hand on three sets of images."""
-    rows = []
-    for name, of in (
-        ("grating-by-hand", "32 px"),
-        ("grating-by-hand-48", "48 px, finer"),
-        ("grating-chosen-48", "the same, new images"),
-    ):
-        (study,) = run(name).studies
-        rows += [ratio(of, logs) for network, logs in against_baseline(study.scores).items() if network == "by_hand"]
-    return forest(rows, "test loss, baseline = 1")
-
-
-@house_style()
+@house_style(PAGE)
 def model_or_grammar() -> Figure:
     """Draw what a quarter of the proposals of each search reach: a point a search."""
-    figure, (axes,) = new_figure("single", 1.3)
-    jobs = sweep("claude-vs-grammar").jobs
-    arms = {"none": "Claude", "llm_vs_grammar": "grammar"}
-    for row, (arm, name) in enumerate(arms.items()):
-        values = jobs.new_quartile[jobs.arm == arm]
-        axes.plot(values, [row] * len(values), "o", color=(BLUE, VERMILLION)[row], label=name)
-    axes.set(yticks=[0, 1], yticklabels=[*arms.values()], ylim=(1.5, -0.5))
-    axes.set_xlabel("loss that a quarter of the proposals reach")
-    axes.grid(axis="x", color="#DDDDDD")
+    arms: dict[str, list[float]] = {}
+    for row in DRAWN["model_or_grammar"]():
+        arms.setdefault(row.group, []).append(row.value)
+    figure, axes = _frame(len(arms), "loss that a quarter of the proposals reach: left is better; a point a search")
+    for place, (values, colour) in enumerate(zip(arms.values(), (BLUE, VERMILLION), strict=True)):
+        axes.plot(values, [place] * len(values), "o", color=colour, markersize=5)
+    axes.set(xlim=(0.19, 0.46), xticks=np.arange(0.2, 0.46, 0.05))
+    _rows(axes, dict(enumerate(arms)), {})
+    texts = [", ".join(f"{value:.3f}" for value in sorted(values)) for values in arms.values()]
+    _columns(axes, range(len(arms)), {"three searches each": texts})
     return figure
-
-
-def proposals_rows() -> list[Ratio]:
-    """Return the arms' proposals as multiples of those of `none`, the same seed in both."""
-    jobs = sweep("ablation-proposals").jobs
-    values = np.log(jobs.pivot_table(index="seed", columns="arm", values="new_quartile"))
-    arms = [arm for arm in jobs.arm.unique() if arm not in {"none", "no_prompt_archive"}]
-    return [ratio(str(arm), values[arm] - values["none"]) for arm in arms]
 
 
 def ablation() -> Figure:
     """Draw the arms of the ablation against the method as published."""
-    return forest(proposals_rows(), "loss that a quarter of the proposals reach, none = 1")
+    label = (
+        "loss that a quarter of the proposals reach / the method's, by seed:\nleft of the line better than the method"
+    )
+    line = Line(1, "the method (none) = 1")
+    return forest([*DRAWN["ablation"]()], label, line=line, beside="p, Holm")
 
 
-@house_style()
-def words() -> Figure:
-    """Draw how far two answers to one question lie apart, by the sentence that carries the temperature."""
-    figure, (axes,) = new_figure("single", 1.4)
-    apart = sweep("words-temperature").pairs("temperature.start=0.1").diversity
-    assert apart is not None
-    for row, (_, one) in enumerate(apart.iterrows()):
-        axes.plot(one.operations, row, "o", color=BLUE)
-    texts = {"0.1": "change one thing", "0.5": "the third sentence", "0.9": "depart boldly"}
-    names = [next(text for key, text in texts.items() if str(arm).endswith(key)) for arm in apart.index]
-    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5), xlim=(0, None))
-    axes.set_xlabel("distance of two answers' operations")
-    axes.grid(axis="x", color="#DDDDDD")
-    return figure
-
-
-def telling_rows() -> list[Ratio]:
-    """Return the loss of answers that were told losses as a multiple of that of answers that were not."""
-    arms = sweep("telling-losses").pairs("prompts.tells=[]").arms
-    names = {"[fitness]": "told the parent's loss", "[shuffled]": "told another network's"}
-    return [
-        Ratio(name, *_factor(one))
-        for key, name in names.items()
-        for arm, one in arms.iterrows()
-        if str(arm).endswith(key)
-    ]
+def paper_networks() -> Figure:
+    """Draw the test losses of the paper's networks, rebuilt."""
+    return forest([*DRAWN["paper_networks"]()], OF_BASELINE, beside="verdict, Holm")
 
 
 def telling() -> Figure:
     """Draw what telling losses changes."""
-    return forest(telling_rows(), "loss of the answers, untold = 1")
+    label = "loss of the answers / of those that were told nothing:\nleft of the line telling is better"
+    return forest([*DRAWN["telling"]()], label, line=Line(1, "told nothing = 1"))
 
 
-def summary_rows() -> Iterator[Ratio]:
-    """Yield a row a question, each a ratio of losses."""
-    elites = [one for one in winners() if "generations" not in one.search]
-    seeds = range(len(elites) // 2)
-    of_seed = [[np.log(one.again) for one in elites if one.search.endswith(f" {seed}")] for seed in seeds]
-    yield ratio("1. A record's network, other seeds / baseline", map(np.mean, of_seed))
-    both = [_elites("none"), _elites("drift")]
-    yield ratio("2. Mean of five elites, 70 epochs / baseline", [np.mean([arm[s][0] for arm in both]) for s in seeds])
-    yield ratio("    one chosen by a full training / baseline", [np.mean([arm[s][1] for arm in both]) for s in seeds])
-    jobs = sweep("claude-vs-grammar").jobs
-    quartiles = np.log(jobs.pivot_table(index="seed", columns="arm", values="new_quartile"))
-    yield ratio("3. Claude's proposals / the grammar's", quartiles["none"] - quartiles["llm_vs_grammar"])
-    for one in proposals_rows():
-        if one.of in {"drift", "best_k"}:
-            names = {"drift": "4. Proposals without selection / with", "best_k": "    without niches / with"}
-            yield one._replace(of=names[one.of])
-    for name, task in (("grating-variants", "5. Paper's grating"), ("force-variants", "    paper's force")):
-        (study,) = run(name).studies
-        yield ratio(f"{task} networks / baseline", against_baseline(study.scores).mean(axis=1))
-    told, _ = telling_rows()
-    yield told._replace(of="6. Answers told the losses / untold")
-    *_, of_elites = operator_rows()
-    yield of_elites._replace(of="7. Claude's children of elites / of first mutations")
+def operator() -> Figure:
+    """Draw how good parents and children are beside others, and beside each other."""
+    return forest([*DRAWN["operator"]()], OF_TWO, line=EQUAL)
 
 
-def summary() -> Figure:
-    """Draw what was found, a row a question."""
-    return forest([*summary_rows()], "ratio of losses: below 1 is better")
+def by_hand() -> Figure:
+    """Draw the test losses of two edits by hand on three sets of images."""
+    return forest([*DRAWN["by_hand"]()], OF_BASELINE)
 
 
-@house_style()
-def forest(rows: Sequence[Ratio], label: str) -> Figure:
-    """Draw ratios with their intervals, one a row, and the line of no difference."""
-    figure, (axes,) = new_figure("double", 0.55 + 0.19 * len(rows))
-    for place, row in enumerate(rows):
-        clear = row.count >= LEAST and (row.high < 1 or row.low > 1)
-        axes.plot([row.low, row.high], [place, place], color=BLUE, solid_capstyle="butt")
-        axes.plot(row.value, place, "o", color=BLUE, markerfacecolor=BLUE if clear else "white", markersize=4.5)
-        axes.text(1.02, place, str(row), transform=axes.get_yaxis_transform(), va="center")
-    _complete(axes, [row.of for row in rows], label)
-    return figure
-
-
-def _complete(axes: Axes, names: Sequence[str], label: str) -> None:
-    """Name the rows, draw the line of no difference, and lay out the logarithmic axis."""
-    axes.set_xscale("log")
-    low, high = axes.get_xlim()
-    axes.set_xticks([tick for tick in TICKS if low * 0.95 <= tick <= high * 1.05])
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.tick_params(axis="x", which="minor", length=0)
-    axes.axvline(1, color=BLACK, linewidth=0.8, zorder=0)
-    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5), xlabel=label)
-    axes.tick_params(axis="y", length=0)
-    axes.grid(axis="x", color="#DDDDDD")
-    axes.set_axisbelow(True)
+def words() -> Figure:
+    """Draw how much farther two answers to one question lie apart, by the sentence that carries the temperature."""
+    rows = [*DRAWN["words"]()]
+    label = "distance of two answers, less that with the first sentence:\nright of the line they are more diverse"
+    line = Line(0, "change one thing = 0")
+    return forest(rows, label, line=line, head="difference [95 %]", beside="p, Holm")
 
 
 #: The pictures, by the names of their files.
@@ -325,19 +260,20 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "model_or_grammar": model_or_grammar,
     "ablation": ablation,
     "paper_networks": paper_networks,
-    "words": words,
     "telling": telling,
     "operator": operator,
     "by_hand": by_hand,
+    "words": words,
 }
 
 
 def main(place: str) -> None:
-    """Draw all pictures into a directory."""
+    """Write all pictures and the table into a directory."""
     folder = Path(place)
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in PICTURES.items():
         (folder / f"{name}.svg").write_bytes(render(draw(), ".svg"))
+    (folder / "figures.csv").write_bytes(table())
 
 
 if __name__ == "__main__":

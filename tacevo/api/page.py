@@ -71,6 +71,7 @@ def _material(run: Run, place: Opened, name: str) -> tuple[RunMaterial, list[str
         edited=edited,
         tables=tables,
         remarks=[*notes, *remarks],
+        note=notes,
         sections=sections,
     )
     return material, missing

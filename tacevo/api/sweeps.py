@@ -119,7 +119,7 @@ class Sweep:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """The jobs without a result or a test score, with the reason, and the arms without a row, a sentence each.
+        """The arms without a row, and the jobs without a result or a test score, with the reason, a sentence each.
 
         First, if it is so, that runs differ which must be one search.
         """
@@ -127,13 +127,13 @@ class Sweep:
         loud = [divergence(pairs)] if (pairs := self.collection().ablation.unequal_twins) else []
         jobs = (f"left out: {one.job.name}: {one.why}" for one in sweep.missing)
         untested = (f"without a test score: {one.job.name}: {one.reason}" for one in sweep.untested)
-        return (*loud, *jobs, *self._arms_left_out(), *untested)
+        return (*loud, *self._arms_left_out(), *jobs, *untested)
 
     def _arms_left_out(self) -> tuple[str, ...]:
         """Name the arms that no job finished of."""
         sweep = self.collection().sweep
         known = {one.job.arm for one in sweep.finished} | {job.arm for job in sweep.failed}
-        return tuple(f"left out: arm {arm}: none of its jobs is finished" for arm in self.arms if arm not in known)
+        return tuple(f"left out: arm {arm}: no seed of it is finished yet" for arm in self.arms if arm not in known)
 
     def all_tables(self, reference: str | None = None) -> tuple[tuple[Rows, ...], list[str]]:
         """Return its tables, compared with an arm or the sweep's own reference; and why others are missing.

@@ -6,7 +6,6 @@ there, and `tacevo COMMAND --help` waits for none of it.
 
 import argparse
 import contextlib
-import shlex
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -413,7 +412,6 @@ def replay(
     draw: Annotated[int, Takes("SEED", whole_number)] | None = None,
     table: File | None = None,
     allowed_signers: File | None = None,
-    diff: Annotated[str, Takes("OTHER", bare="OTHER"), HIDDEN] | None = None,
 ) -> int:
     """Run a recorded search again from its stores and compare.
 
@@ -441,27 +439,17 @@ def replay(
         table: with --retrain of searches that looked evaluations up: the table (default: that of their digest, where it
             was, beside RUN, or in cache/tables)
         allowed_signers: names and public keys of those who may have signed the file, and fail if none of them did
-        diff: for one release it says what took its place
     """
     if draw is not None and not retrain:
         raise UsageError("--draw repeats the draw of --retrain N; give both")
     if table is not None and retrain is None:
         raise UsageError("--table names the table that --retrain looks searches up in; give both")
-    if diff is not None:
-        raise UsageError(_instead_of_diff(Path(run), Path(diff)))
     _reading(run)
     from tacevo.cli.reproduce import run_replay
 
     return run_replay(
         run, store=store, others=retrain, trusts=trust_parts, draw=draw, table=table, allowed=allowed_signers
     )
-
-
-def _instead_of_diff(run: Path, other: Path) -> str:
-    is_packed = any(place.is_file() for each in (run, other) for place in (each, *each.parents))
-    compared = shlex.join(["cmp", *(str(each / "ledger.jsonl") for each in (run, other))])
-    first = "unzip bundles first; then " if is_packed else ""
-    return f"--diff is gone: {first}`{compared}` names the first line in which two runs differ"
 
 
 @command(interrupted="the directory is whole or absent")
@@ -472,7 +460,6 @@ def export(
     output: Dir,
     store: Dir | None = None,
     retrained: bool = False,
-    register: Annotated[str, Takes("NAME", bare="NAME"), HIDDEN] | None = None,
 ) -> int:
     """Take a network away: its weights, ONNX, a model card.
 
@@ -494,12 +481,7 @@ def export(
         output: the directory, which must not exist
         store: the directory of its stores, if they were moved
         retrained: fail where a training is not recorded, or goes otherwise than recorded
-        register: for one release it says what took its place
     """
-    if register is not None:
-        named = f"name='model', registered_model_name={register!r}"
-        instead = f"mlflow.onnx.log_model(onnx.load({f'{output}/model.onnx'!r}), {named})"
-        raise UsageError(f"--register is gone: export without it, then call {instead}")
     _reading(run)
     from tacevo.cli.export import run_export
 
@@ -516,6 +498,7 @@ def publish(
     author: Annotated[Sequence[str], Takes("NAME"), REPEATED] = (),
     date: Annotated[str, Takes("YYYY-MM-DD")] = "",
     sign: Annotated[File | None, Takes("KEY")] = None,
+    deposit: Dir | None = None,
 ) -> int:
     """Write one file with which anybody can replay a run or a sweep.
 
@@ -526,6 +509,8 @@ def publish(
       tacevo publish runs/NAME -o NAME.zip --author 'Ada Lovelace'
       tacevo publish sweeps/NAME -o NAME.zip --license CC0-1.0
       tacevo publish runs/NAME -o NAME.zip --sign ~/.ssh/id_ed25519
+      # what Zenodo wants: upload all files of this directory
+      tacevo publish runs/NAME -o x.zip --author 'A. Lovelace' --deposit DIR
 
     Args:
         run: the directory of a run or of a sweep
@@ -536,11 +521,14 @@ def publish(
         author: may be given several times
         date: of publication (default: the end of the run)
         sign: sign the bundle digest with this SSH key, into a file beside the bundle; the key itself stays where it is
+        deposit: lay out bundle, README, licence, citation, checksums and .zenodo.json here, for a research archive
     """
     _reading(run)
     from tacevo.cli.publish import run_publish
 
-    return run_publish(run, studies, output, store=store, licence=licence, authors=author, date=date, key=sign)
+    return run_publish(
+        run, studies, output, store=store, licence=licence, authors=author, date=date, key=sign, deposited=deposit
+    )
 
 
 @command()
@@ -748,6 +736,7 @@ def report(
 def ablations(
     sweep: SweepPlace,
     *,
+    format: Sequence[Format] = FORMATS,
     output: Dir | None = None,
     reference: Annotated[str, Takes("ARM")] | None = None,
     store: Dir | None = None,
@@ -755,7 +744,7 @@ def ablations(
     """Compare the arms of a sweep: tables and figures.
 
     Compare the arms of a sweep by its finished jobs: print a table of them, and write all as .tex, .md and .csv, with
-    figures as .pdf.
+    figures as .pdf, .svg and .png.
 
     Examples:
       tacevo search -m experiment=demo ablation=none,drift seed=0,1
@@ -765,6 +754,7 @@ def ablations(
 
     Args:
         sweep: the directory or bundle of a sweep
+        format: of the figures' files (default: all three)
         output: where to write (default: SWEEP/ablations)
         reference: the arm to compare with (default: the one that the sweep states, or none)
         store: directory of the stores, if it was moved
@@ -773,7 +763,7 @@ def ablations(
     _reading(sweep)
     from tacevo.cli.figures import run_ablations
 
-    return run_ablations(sweep, place, reference, store)
+    return run_ablations(sweep, place, reference, formats=format, store=store)
 
 
 @command(interrupted="every written file is complete; run the same command again for the rest")

@@ -23,6 +23,9 @@ Format = Literal["pdf", "svg", "png"]
 
 FORMATS: tuple[Format, ...] = ("pdf", "svg", "png")
 
+#: Stands above a last line `digest: ...`, which programs read, and says whose it is.
+TO_CITE = "the digest in the last line; it is that of the {}"
+
 
 def existing_store(name: str | None) -> str | None:
     """Return what `--store` names; a mistyped directory would be made and filled again.

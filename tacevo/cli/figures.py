@@ -24,6 +24,8 @@ from tacevo.cli.tables import open_all, print_table, remarks_of, say, status_of
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, DataError, RunError
 from tacevo.runs.progress import Progress
+from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.sweeps.status import continuing
 from tacevo.text import as_override, counted
 
 #: The most arms, and the most remarks, that are printed of a comparison; the tables have all.
@@ -41,7 +43,7 @@ _A12 = "A12: the chance that the arm has more, with its interval of 95 %."
 def run_figures(runs: Sequence[str], places: Sequence[Path], *, formats: Sequence[Format], store: str | None) -> int:
     """Draw the figures of runs and sweeps into files, each in its place."""
     opened = open_all(runs, store)
-    endings = [f".{name}" for name in dict.fromkeys(formats)]
+    endings = _endings(formats)
     for one, place in zip(opened, places, strict=True):
         say(remarks_of(one))
         directory = output_directory(place)
@@ -52,6 +54,10 @@ def run_figures(runs: Sequence[str], places: Sequence[Path], *, formats: Sequenc
         say([*missing, *left_of_studies(directory, current, [f".{name}" for name in FORMATS])])
         tell(f"figures: {directory}")
     return max(map(status_of, opened))
+
+
+def _endings(formats: Sequence[Format]) -> list[str]:
+    return [f".{name}" for name in dict.fromkeys(formats)]
 
 
 def drawable(one: Run | Sweep) -> tuple[list[Picture], list[str]]:
@@ -87,7 +93,9 @@ def progress_of(words: str, total: int) -> Iterator[Callable[[str], None]]:
         yield lambda name: view.advance(words, next(number), total)
 
 
-def run_ablations(name: str, place: Path, reference: str | None, store: str | None) -> int:
+def run_ablations(
+    name: str, place: Path, reference: str | None, *, formats: Sequence[Format], store: str | None
+) -> int:
     """Compare the arms of a sweep: write tables and figures, and print the metric that they are compared by first."""
     (sweep,) = open_all([name], store)
     if isinstance(sweep, Run):
@@ -101,13 +109,15 @@ def run_ablations(name: str, place: Path, reference: str | None, store: str | No
         write_tables(tables, directory)
     pictures, undrawn_ones = _of_sweep(collected)
     with progress_of("figures", len(pictures)) as on_drawn:
-        write_pictures(pictures, directory, [".pdf"], on_drawn, undrawn_ones.append)
+        write_pictures(pictures, directory, _endings(formats), on_drawn, undrawn_ones.append)
     say(dict.fromkeys([*missing, *undrawn_ones]))
     first = f"ablation_{collected.ablation.first.name}"
     print_table(_in_short(next(table for table in tables if table.name == first)), Console())
     remarks = sweep.left_out
     say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
-    if collected.ablation.primary in TESTED and collected.sweep.terms.retraining is None:
+    if collected.sweep.missing:
+        tell(f"next:   {continuing(SweepDirectory(Path(name)), as_typed('tacevo'))}")
+    elif collected.ablation.primary in TESTED and collected.sweep.terms.retraining is None:
         tell(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', name))} seeds=5")
     tell(f"tables and figures: {directory} (index.md says which question each answers)")
     return status_of(sweep)

@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
+from tacevo.cli.common import DIFFERENT, DONE, TO_CITE, output_directory, tell
 from tacevo.cli.tabulate import NICE
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
@@ -41,6 +41,7 @@ def run_judge(
         tell(f"failed: {line}")
     if written is not None and written.judge is not None:
         tell(f"verify: {as_typed('tacevo')} replay {shlex.quote(output)} --retrain 5")
-        tell(f"judge:  {written.judge.digest}")
+        tell(f"judge:  its digest is {written.judge.digest}")
+        tell(f"cite:   {TO_CITE.format('table with its judge')}")
         tell(f"digest: {written.digest}")
     return DIFFERENT if judged.failures else DONE

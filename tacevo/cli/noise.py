@@ -9,12 +9,15 @@ from tacevo.cli.study import composed, end, introduce, report_sweep, show_found
 from tacevo.config.compose import compose_noise, compose_study
 from tacevo.environment import as_typed
 from tacevo.reproduce.demo import compared
-from tacevo.results.lineage import changes
+from tacevo.results.lineage import changes, layer_changes
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import StudyDirectory, medians_of
 from tacevo.runs.progress import Progress
 from tacevo.studies.noise import estimate_noise, estimate_noise_of_sweep
-from tacevo.text import counted
+from tacevo.text import counted, listed
+
+#: The most layers that are named.
+_LAYERS = 8
 
 
 def run_noise(words: Sequence[str]) -> int:
@@ -36,11 +39,25 @@ def run_noise(words: Sequence[str]) -> int:
         command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=validated elites={elites}"
         tell(f"next:   {command}    # {trainings}")
     if not run.shortfall and (found := _best(run, noise)):
-        tell(f"lowest: {found} is the baseline after these instructions: {'; '.join(changes(run, found))}")
-    status = end(studied, "lower elites=")
+        tell(f"lowest: {found}, for which these instructions were given in turn: {'; '.join(changes(run, found))}")
+        tell(f"code:   {_in_code(run, found)}")
+    status = end(studied, "noise run", "lower elites=")
     if told := compared(run, noise):
         tell(told)
     return status
+
+
+def _in_code(run: RecordedRun, name: str) -> str:
+    """Say what a network's code has and the baseline's has not: instructions say only what was asked for."""
+    lines = {line.id: line for line in run.candidates}
+    baseline, found = (run.directory.read_source(one, str(lines[one].source)) for one in (run.baseline.id, name))
+    new, gone = layer_changes(baseline, found)
+    parts = [f"{words} {listed(layers, most=_LAYERS)}" for words, layers in (("new", new), ("gone", gone)) if layers]
+    beside = f"beside the baseline's: {'; '.join(parts)}" if parts else "its layers are the baseline's"
+    random = "; the grammar makes random edits, too, so code and instructions can differ"
+    edits = "" if run.config.llm.facts.is_model else random
+    look = f"{as_typed('tacevo')} show {shlex.quote(str(run.path))} {name}"
+    return f"{beside}{edits} (all of it: {look})"
 
 
 def _best(run: RecordedRun, noise: StudyDirectory) -> str:

@@ -6,10 +6,11 @@ from functools import partial
 from pathlib import Path
 
 from tacevo.api.pages import pages
+from tacevo.bundles.deposit import check_deposit, deposit
 from tacevo.bundles.publish import publish
 from tacevo.bundles.readme import Terms
 from tacevo.bundles.signing import sign_bundle, signature_of
-from tacevo.cli.common import DONE, tell
+from tacevo.cli.common import DONE, TO_CITE, tell
 from tacevo.runs.progress import Progress
 from tacevo.storage.signatures import checked_key
 from tacevo.text import counted, listed
@@ -35,10 +36,13 @@ def run_publish(
     authors: Sequence[str],
     date: str,
     key: str | None,
+    deposited: str | None,
 ) -> int:
     """Publish a run or a sweep as a file."""
     signing_key = None if key is None else checked_key(Path(key))
     terms = Terms(licence=licence, authors=tuple(authors) or _asked(), published=date)
+    if deposited is not None:
+        check_deposit(Path(deposited), terms.authors)
     with Progress() as view:
         done = publish(
             Path(run),
@@ -57,6 +61,10 @@ def run_publish(
         tell(f"the labels of {counted(done.test_labels, 'test image')} are in it")
     if signing_key is not None:
         tell(f"signature: {signature_of(Path(output))}, of the bundle digest; it lies beside the bundle")
-    tell(f"bundle digest: {done.digest} (of all its files; the one to cite, of the {done.subject.what}, stands last)")
+    if deposited is not None:
+        files = deposit(Path(output), Path(deposited))
+        tell(f"deposit: {deposited} ({listed(files)}); upload all of it, and write the DOI into {output}.doi")
+    tell(f"bundle digest: {done.digest} (of all its files)")
+    tell(f"cite:   {TO_CITE.format(done.subject.what)}")
     tell(f"digest: {done.subject.digest}")
     return DONE

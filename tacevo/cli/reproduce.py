@@ -6,10 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from tacevo.api.replaying import digest_of, extended, replay
+from tacevo.bundles.deposit import doi_of
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.signing import describe_signature
 from tacevo.bundles.verify import Rerun, Verified
-from tacevo.cli.common import DONE, existing_store, tell
+from tacevo.cli.common import DONE, TO_CITE, existing_store, tell
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.errors import BundleError, ConfigError, DataError
@@ -50,7 +51,10 @@ def run_replay(
     with Progress() as view:
         place = opened(path)
         # Before the replay: who asks for signers need not wait for it.
-        signed = [describe_signature(path, place.digest, signers)] if place.digest and path.is_file() else []
+        signed = []
+        if place.digest and path.is_file():
+            signed = [describe_signature(path, place.digest, signers)]
+            signed += [f"doi: {doi}, as {path.name}.doi says" for doi in [doi_of(path)] if doi]
         if others is not None:
             check_walls(place)
             configs = _with_data_here(path, place, table)
@@ -60,7 +64,8 @@ def run_replay(
         if others is not None:
             again = [_with_data(*pair) for pair in zip(done.runs, configs, strict=True)]
             told.append(_retrain(again, store, others, draw, view))
-    for text in [*told, _verdict(done), f"digest: {digest_of(place, done)}"]:
+    cited = TO_CITE.format("search" if place.jobs is None else "sweep")
+    for text in [*told, f"cite:   {cited}", _verdict(done), f"digest: {digest_of(place, done)}"]:
         tell(text)
     return DONE
 
@@ -88,6 +93,7 @@ def _replay_table(path: Path, store: str | None, others: int | None, draw: int |
         tell(text)
     if table.judge is not None:
         tell(f"judge:  those that the model of the genes puts first, by fresh seeds; its digest: {table.judge.digest}")
+    tell(f"cite:   {TO_CITE.format('table')}")
     tell(f"digest: {table.digest}")
     return DONE
 
@@ -134,7 +140,7 @@ def _told(origin: Opened, done: Verified) -> list[str]:
         )
     if done.entries is not None:
         told.append(f"all {done.entries} store entries were needed")
-        told.append(f"bundle digest: {origin.digest} (of all its files; the one to cite stands last)")
+        told.append(f"bundle digest: {origin.digest} (of all its files)")
     return told
 
 

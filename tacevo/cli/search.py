@@ -87,7 +87,7 @@ def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     """Print on one screen what a search found, where all of it is to be seen, remarks, and what to do next."""
     tacevo, run = as_typed("tacevo"), shlex.quote(str(result.directory))
     tell(result.summary)
-    tell(f"read:   {result.directory / 'summary.md'}")
+    tell(f"read:   {result.directory / 'summary.md'} (cite the digest of the search, below)")
     tell(f"look:   {tacevo} show {run} {result.best}")
     tell(f"verify: {tacevo} replay {run}")
     for remark in remarks:

@@ -9,7 +9,7 @@ from textwrap import fill
 from analysis.report.collection import outcomes, read_studies
 from analysis.tables.rendering import as_text
 from tacevo.bundles.open import opened
-from tacevo.cli.common import DONE, tell, tell_markdown
+from tacevo.cli.common import DONE, TO_CITE, tell, tell_markdown
 from tacevo.config.recorded_parts import own_axes
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
@@ -83,10 +83,11 @@ def show_run(path: Path, store: Path | None = None) -> str:
     """
     directory, run, ledger = _read_begun(path)
     finished = run.digest == ledger.digest
-    state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
     if finished:
+        state = f"cite:   {TO_CITE.format('search')}\ndigest: {run.digest}"
         known = replace(finished_run(directory, run, ledger), packed=store)
     else:
+        state = "Not finished: the command that began it continues it."
         config, elites = read_config(path, run), read_elites(directory)
         known = RecordedRun(directory=directory, record=run, config=config, ledger=ledger, elites=elites)
     trained = {line.id for line in ledger.lines if isinstance(line, CandidateLine) and line.fitness is not None}

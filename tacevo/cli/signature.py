@@ -23,7 +23,7 @@ _LONG = {"licence": "--license"}
 _MOST = 40
 
 #: Marks that an annotation adds: an argument that must be given at least once; an option that may be given several
-#: times; an option that no help shows, since it is gone and says what took its place, or is there for users of Hydra.
+#: times; an option that no help shows, since it is there for users of Hydra.
 AT_LEAST_ONE, REPEATED, HIDDEN = object(), object(), object()
 
 #: The width of every help, in characters, on any terminal.

@@ -97,7 +97,7 @@ def run_study(words: Sequence[str]) -> int:
             studied = study(config, view, other)
     introduce(studied, "study")
     show_found(studied, config.store.root)
-    return end(studied, _REMEDY)
+    return end(studied, "study", _REMEDY)
 
 
 def _each_data(overrides: Sequence[str]) -> list[list[str]]:
@@ -143,7 +143,7 @@ def _study_each(config: StudyConfig, each: Sequence[Sequence[str]]) -> int:
         with Progress() as view:
             studied = study(config, view, other)
         introduce(studied, f"study of {' '.join(other) or _OWN}")
-        statuses.append(end(studied, _REMEDY))
+        statuses.append(end(studied, "study", _REMEDY))
         done[studied.directory.name] = studied
     # Of several studies on equal data a table takes the first: let it be the one that was asked for.
     studies = sorted(read_studies(run).studies, key=lambda one: one.name not in done)
@@ -168,7 +168,7 @@ def report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[s
     statuses = []
     for one in studies:
         introduce(one, what)
-        statuses.append(end(one, remedy))
+        statuses.append(end(one, what, remedy, in_sweep=True))
     for job in unfinished:
         tell(f"no {what}, for it is not finished: {job}")
     tell(f"next:   {comparison(sweep)}")
@@ -196,11 +196,14 @@ def show_found(studied: Studied, store: str | None) -> RecordedRun:
     return run
 
 
-def end(studied: Studied, remedy: str) -> int:
-    """Print which trainings failed, and the digest; return the exit status."""
+def end(studied: Studied, what: str, remedy: str, *, in_sweep: bool = False) -> int:
+    """Print which trainings failed, and the digests; return the exit status. `what` it is called in messages."""
     for row in studied.failed:
         tell(f"failed: {row}")
     if studied.failed:
         tell(f"no statistics without these: {remedy}")
+    run = RunDirectory(studied.directory.parents[1]).read_run()
+    cited = "of this job; `tacevo publish` gives the sweep's, the one to cite" if in_sweep else "the one to cite"
+    tell(f"run digest: {run.digest} ({cited}; the digest below is that of the {what})")
     tell(f"digest: {studied.digest}")
     return DIFFERENT if studied.failed else DONE

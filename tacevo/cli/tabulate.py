@@ -4,7 +4,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE, output_directory, tell
+from tacevo.cli.common import DIFFERENT, DONE, TO_CITE, output_directory, tell
 from tacevo.config.compose import compose
 from tacevo.config.conf_folder import check_experiment
 from tacevo.environment import as_typed
@@ -35,5 +35,6 @@ def run_tabulate(overrides: Sequence[str], output: str, seeds: int) -> int:
     place = shlex.quote(output)
     tell(f"verify: {as_typed('tacevo')} replay {place} --retrain 5")
     tell(f"next:   {as_typed('tacevo')} search experiment=space data=table data.root={place}")
+    tell(f"cite:   {TO_CITE.format('table')}")
     tell(f"digest: {table.digest}")
     return DIFFERENT if table.failures else DONE

@@ -158,6 +158,15 @@ class Gate:
 
         It does not parse the source, so it answers alike under every version of Python.
         """
+        request = self._probe_request(source)
+        verdict = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
+        return verdict if isinstance(verdict, Rejection) else Admitted(source=source, profile=verdict)
+
+    def is_measured(self, source: str) -> bool:
+        """Return whether the store has a probe of a source, sound or not."""
+        return self.store.holds(self.store.key(self._probe_request(source)))
+
+    def _probe_request(self, source: str) -> dict[str, Json]:
         request: dict[str, Json] = {
             "version": self.rules.probe,
             **self._asked(source),
@@ -166,8 +175,7 @@ class Gate:
         }
         if self.fingerprint is not None and self.rules.probe >= _SHOWN_SINCE:
             request["data"] = self.fingerprint
-        verdict = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
-        return verdict if isinstance(verdict, Rejection) else Admitted(source=source, profile=verdict)
+        return request
 
     def _extract(self, completion: Completion, asked: str) -> str | Rejection:
         source = extract(completion, self.contract, asked)

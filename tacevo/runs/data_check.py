@@ -47,6 +47,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
     path = path or Path(f"contact-sheet-{facts.fingerprint[:8]}.png")
     counts = " / ".join(map(str, facts.counts))
     title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {facts.fingerprint[:8]}"
+    title += _stretched(catalogue.recorded_size, facts.image_size)
     save(contact_sheet(dataset, units=units, title=title), path)
 
     def image(row: int) -> Image:
@@ -92,6 +93,14 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         cache=str(dataset.images.parent),
         sheet=str(path),
     )
+
+
+def _stretched(recorded: tuple[int, int] | None, size: int) -> str:
+    """Say on a sheet that its images are not as they were recorded, of (width, height), where these are no squares."""
+    if recorded is None or recorded[0] == recorded[1]:
+        return ""
+    width, height = recorded
+    return f"; {width}x{height} pixels, stretched to {size}x{size}, as the network sees them"
 
 
 def _recorded_with(config: RunConfig) -> tuple[str, ...]:

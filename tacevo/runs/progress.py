@@ -17,7 +17,7 @@ from tacevo.evolution.chance import is_at_chance
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine
 from tacevo.evolution.state import Plan, SearchState
-from tacevo.records import Operator
+from tacevo.records import Operator, Training
 from tacevo.rounding import significant
 from tacevo.text import lasting, unbroken
 
@@ -62,8 +62,9 @@ class Progress:
             console=self._console,
             disable=not self._console.is_terminal,
         )
+        #: Each bar knows how many units were not made while it ran, `before`, and the seconds until the first, `idle`.
         self._tasks: dict[str, TaskID] = {}
-        self._clock = self._bars.add_task("at work", total=None, note="", before=0)
+        self._clock = self._bars.add_task("at work", total=None, note="", before=0, idle=0.0)
         self._ended = threading.Event()
         self._silence = silence
         self._began = self._last = time.monotonic()
@@ -83,13 +84,22 @@ class Progress:
         self._last = time.monotonic()
         self._console.print(unbroken(text), highlight=False, markup=False, soft_wrap=True)
 
-    def advance(self, what: str, done: int, total: int, note: str = "") -> None:
-        """Move the bar of something, e.g. `images`, and write a note beside it; with fewer done, it begins again."""
+    def advance(self, what: str, done: int, total: int, note: str = "", *, recalled: bool = False) -> None:
+        """Move the bar of something, e.g. `images`, and write a note beside it; with fewer done, it begins again.
+
+        What is `recalled`, from a store or an earlier run of the command, says nothing of how long the rest takes: it
+        enters no rate, nor does the time before the first that was made.
+        """
         if what not in self._tasks:
-            self._tasks[what] = self._bars.add_task(what, total=total, completed=done, note=note, before=done)
-        elif done < self._bars.tasks[self._tasks[what]].completed:
-            self._bars.reset(self._tasks[what], completed=done, note=note, before=done)
-        self._bars.update(self._tasks[what], completed=done, total=total, note=note)
+            self._tasks[what] = self._bars.add_task(what, total=total, completed=done, note=note, before=done, idle=0.0)
+        task = self._bars.tasks[self._tasks[what]]
+        if done < task.completed:
+            self._bars.reset(task.id, completed=done, note=note, before=done, idle=0.0)
+        elif recalled:
+            if task.completed == task.fields["before"]:  # nothing was made yet
+                task.fields["idle"] = task.elapsed or 0.0
+            task.fields["before"] += done - task.completed
+        self._bars.update(task.id, completed=done, total=total, note=note)
         is_still = all(task.finished for task in self._bars.tasks if task.id != self._clock)
         if is_still != self._bars.tasks[self._clock].visible:
             self._bars.reset(self._clock, visible=is_still)
@@ -117,9 +127,9 @@ class Progress:
 
 
 def _rate(task: Task) -> float | None:
-    """Return the units a second since the task began; None before there is one."""
-    seconds = task.finished_time or task.elapsed
-    return (task.completed - task.fields["before"]) / seconds if seconds else None
+    """Return the units that are made a second; None before there is one."""
+    seconds = (task.finished_time or task.elapsed or 0.0) - task.fields["idle"]
+    return (task.completed - task.fields["before"]) / seconds if seconds > 0 else None
 
 
 def _left(task: Task) -> float | None:
@@ -165,7 +175,8 @@ class Watcher:
 
     `did` is what becomes of candidates: `trained`, or `looked up` in a table (`tacevo.results.summary.evaluated`).
     How long a search takes is told by the pace of the trainings so far, `at_once` of which run together; and where that
-    is long, what part of it `saving` measures (`tacevo.runs.pace.part_saved`).
+    is long, what part of it `saving` measures (`tacevo.runs.pace.part_saved`). Trainings that are recalled enter no
+    pace; only where none is ever made, in a replay or with a table, candidates that are done do.
     """
 
     def __init__(
@@ -188,8 +199,12 @@ class Watcher:
         self._at_once = at_once
         self._saving = saving
         self._clock = clock
-        #: The time when the first training began that was not recalled, and the number of candidates done before it.
-        self._began: tuple[float, int] | None = None
+        #: The time when the first training began that was not recalled, and the candidates done since that were not.
+        self._began: float | None = None
+        self._made = 0
+        #: Whether trainings are made at all; and the candidates that took the time of one, until they are committed.
+        self._trains = not is_replay and did == "trained"
+        self._fresh: set[str] = set()
         self._baseline: float | None = None
         self._done = 0
         self._total = 1 + plan.initial + plan.generations * plan.settings.candidates
@@ -198,9 +213,13 @@ class Watcher:
 
     def developed(self, outcome: Outcome) -> None:
         """Say at the first training how long the search takes, if that is long; all else is shown once committed."""
+        # A rejection takes no training, and is part of the work once there is some; before that it was recalled, too.
+        is_made = outcome.cpu_seconds > 0 or (self._began is not None and not isinstance(outcome.result, Training))
+        if is_made:
+            self._fresh.add(outcome.proposal.id)
         if self._began is not None or outcome.cpu_seconds == 0:
             return
-        self._began = self._clock() - outcome.seconds, self._done
+        self._began = self._clock() - outcome.seconds
         left = outcome.seconds * (self._total - self._done) / self._at_once
         if left >= LONG:
             most = "at most " if self._plan.budget else ""
@@ -215,8 +234,7 @@ class Watcher:
         """Write how long the rest takes at the pace so far, if that is long."""
         if self._began is None:
             return ""
-        began, before = self._began
-        left = (self._clock() - began) / max(self._done - before, 1) * (self._total - self._done)
+        left = (self._clock() - self._began) / max(self._made, 1) * (self._total - self._done)
         return f", {lasting(left)} left" if left >= LONG else ""
 
     def committed(self, line: SearchLine, state: SearchState) -> None:
@@ -229,8 +247,11 @@ class Watcher:
         chance = ", at chance" if is_at_chance(state.best, self._trivial) else ""
         reached = f"best {significant(state.best)}{f' ({others})' if others else ''}{chance}, coverage {covered:.0%}"
         if not isinstance(line, GenerationLine):
+            is_made = not self._trains or line.id in self._fresh
+            self._fresh.discard(line.id)
             self._done += 1
-            self._view.advance("candidates", self._done, self._total, reached)
+            self._made += is_made
+            self._view.advance("candidates", self._done, self._total, reached, recalled=not is_made)
         else:
             self.tell(line, reached)
 

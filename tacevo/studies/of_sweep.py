@@ -129,8 +129,9 @@ def each_job(
         for number, job in enumerate(finished, start=1):
             view.say(f"job {job.name} ({number} of {len(finished)})")
             with naming(job.name):
-                studies.append(train(str(directory.run(job).path), later))
-            view.advance("jobs", number, len(finished))
+                studied = train(str(directory.run(job).path), later)
+            studies.append(studied)
+            view.advance("jobs", number, len(finished), recalled=studied.recorded == studied.trainings)
     jobs = directory.read().jobs  # with those that were added meanwhile
     return studies, [job for job in jobs if job not in finished]
 

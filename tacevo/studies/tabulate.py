@@ -99,9 +99,10 @@ def members(config: RunConfig, task: Task) -> list[tuple[Genome | None, str]]:
 def _probed(bench: Workbench, networks: Sequence[tuple[Genome | None, str]], view: Progress) -> list[TableNetwork]:
     gate, rows = bench.gate(CURRENT), []
     view.say(f"{counted(len(networks), 'network')}: the gate measures each")
+    before = [gate.is_measured(source) for _, source in networks]
     for row in bench.executor.map(lambda pair: network_of(gate.inspect(pair[1]), *pair), networks):
         rows.append(row)
-        view.advance("networks", len(rows), len(networks))
+        view.advance("networks", len(rows), len(networks), recalled=before[len(rows) - 1])
     return rows
 
 
@@ -163,8 +164,10 @@ def train_rows(
             full=None if isinstance(verdict, Rejection) else verdict,
             rejection=verdict if isinstance(verdict, Rejection) else None,
         )
-        view.advance("trainings", len(rows), len(order))
+        view.advance("trainings", len(rows), len(order), recalled=job in recorded)
         if job in recorded:
+            if left == total:  # nothing was made yet
+                began = time.monotonic()
             continue
         left, done = left - costs[job], done + 1
         if left and _TOLD * len(rows) // len(order) > _TOLD * (len(rows) - 1) // len(order):

@@ -1,8 +1,10 @@
 """The state of the jobs of a sweep, read from their run directories."""
 
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from tacevo.config.identity import config_hash
 from tacevo.config.plain import from_plain
@@ -107,6 +109,31 @@ def describe_jobs(statuses: Sequence[Status]) -> str:
     reasons = [unbroken(f"{status.job.name}: {status.reason}") for status in statuses if status.reason]
     header = ["job", "arm", "seed", "state", "lines", "best", "digest"]
     return "\n\n".join([f"{counted(len(statuses), 'job')}: {states or 'none'}", table(header, rows), *reasons])
+
+
+def continuing(directory: SweepDirectory, tacevo: str) -> str:
+    """Return the command that runs what a sweep has not finished, whose options of a launcher are not recorded.
+
+    Jobs that are not every combination of their settings have no command together; then it is said in words.
+
+    Args:
+        directory: of the sweep.
+        tacevo: the program, as its user types it.
+    """
+    record = directory.read()
+    into = f"--into {shlex.quote(str(directory.path))}"
+    values: dict[str, list[str]] = {}
+    for job in record.jobs:
+        for override in job.overrides:
+            key, _, value = override.partition("=")
+            if value not in values.setdefault(key, []):
+                values[key].append(value)
+    asked = {frozenset(job.overrides) for job in record.jobs}
+    every = product(*([f"{key}={value}" for value in known] for key, known in values.items()))
+    if {frozenset(one) for one in every} != asked:
+        return f"the command that began the sweep, with {into}: it runs what is not finished"
+    words = [*record.overrides, *(f"{key}={','.join(known)}" for key, known in values.items())]
+    return f"{tacevo} search -m {shlex.join(words)} {into}"
 
 
 def _row(status: Status) -> list[str]:

@@ -7,13 +7,12 @@ same search run by itself.
 
 import hashlib
 import itertools
-import math
 import os
 import re
 import shlex
-import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 from tacevo.choices import Varied
@@ -36,6 +35,7 @@ from tacevo.runs.session import needed_llm
 from tacevo.runs.unsent import begun_without
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
+from tacevo.sweeps.pace import seconds_left, trained
 from tacevo.sweeps.prospects import shortcomings
 from tacevo.sweeps.status import Status, best_in_words, check_is_run_of, read_job, status_of
 from tacevo.sweeps.terms import Asked, check_varied, settled, with_reference
@@ -144,23 +144,25 @@ def _run(
     finished = sum(status.standing is Standing.finished for status in statuses.values())
     view.advance("jobs", finished, len(statuses))
 
-    began, before, ended = time.monotonic(), finished, dict[Job, Status]()
+    began, ended, done = datetime.now(UTC), dict[Job, Status](), list[Job]()
 
     def rest() -> str:
-        """Say how long the others take here at the pace of those that finished; a failed one may have ended early."""
-        done, at_once, others = finished - before, chosen.options.get("n_jobs"), len(left) - len(ended)
-        if not (isinstance(at_once, int) and done and others):
+        """Say how long the others take here, at the pace of the trainings that were made."""
+        if not isinstance(chosen.options.get("n_jobs"), int):
             return ""
-        pace = (time.monotonic() - began) / math.ceil(done / at_once)
-        return f", {lasting(math.ceil(others / at_once) * pace)} left"
+        seconds = seconds_left(directory, left, done, ended, began=began, now=datetime.now(UTC))
+        return "" if seconds is None else f", {lasting(seconds)} left"
 
     def show(job: Job) -> None:
         nonlocal finished
         status = ended[job] = status_of(directory, job)
-        finished += status.standing is Standing.finished
+        if status.standing is Standing.finished:
+            finished += 1
+            done.append(job)
         result = f"best {best_in_words(status)}, digest {status.digest[:12]}" if status.digest else status.reason
         view.say(f"{job.name}: {status.standing}, {result} ({finished} of {len(statuses)} jobs finished{rest()})")
-        view.advance("jobs", finished, len(statuses))
+        recalled = not trained(directory.run(job), left[job], began)
+        view.advance("jobs", finished, len(statuses), recalled=recalled)
 
     with telling(
         lambda: any(status_of(directory, job).standing is not Standing.waiting for job in left) or finished > 0

@@ -15,6 +15,7 @@ from tiny_sweep import SIZES
 
 import tacevo
 from tacevo.cli.app import main
+from tacevo.cli.common import FORMATS
 from tacevo.config.identity import config_hash
 from tacevo.records import Json
 from tacevo.results.run import read_run
@@ -77,7 +78,7 @@ def rows(sweep: Path, table: str) -> list[dict[str, str]]:
 
 @pytest.mark.room("figures")
 def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every table in three formats, figures as PDF; on one screen the primary metric, and where the others are."""
+    """Each table and figure in three formats; on one screen the primary metric, and where the others are."""
     assert main(["ablations", "sweep"]) == 0
     told = capsys.readouterr()
     folder = sweep / "ablations"
@@ -86,7 +87,8 @@ def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixtu
     assert {name for name in tables if "/" not in name} == {"ablation"}  # it states no primary metric
     assert {"more/ablation_best_fitness", "more/ablation_runs"} <= tables
     assert "more/ablation_cost" in tables  # what answers of the tests' own provider cost is not known
-    others = {"ablation_curves.pdf", "ablation_finals.pdf", "ablation_forest.pdf", "index.md"}
+    drawn = {f"ablation_{name}.{kind}" for name in ("curves", "finals", "forest") for kind in FORMATS}
+    others = {*drawn, "index.md"}
     assert set(written) == {f"{name}{ending}" for name in tables for ending in (".md", ".tex", ".csv")} | others
     lines = told.out.splitlines()
     assert len(lines) <= 25
@@ -156,9 +158,9 @@ def test_job_that_the_scheduler_ended_is_no_result_of_its_arm(sweep: Path, capsy
         (said,) = compared.attrs["left_out"]
         assert "arm no_prompt_archive" in said
     assert [line for line in capsys.readouterr().err.splitlines() if line.startswith("left out")] == [
+        "left out: arm no_prompt_archive: no seed of it is finished yet",
         "left out: no_prompt_archive-seed0: running",
         "left out: no_prompt_archive-seed1: stopped: Slurm: NODE_FAIL",
-        "left out: arm no_prompt_archive: none of its jobs is finished",
     ]
     assert "Failed" not in Path("out/more/ablation_best_fitness.md").read_text()
 

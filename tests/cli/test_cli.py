@@ -128,7 +128,7 @@ def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[s
     print_end(result, ["a remark"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["found", ""]
-    assert lines[2] == "read:   my runs/one/summary.md"
+    assert lines[2] == "read:   my runs/one/summary.md (cite the digest of the search, below)"
     assert [shlex.split(line)[2:] for line in (lines[3], lines[4], lines[6])] == [
         *(["show", "my runs/one", "g01s02"], ["replay", "my runs/one"]),
         ["noise", "my runs/one", "elites=2", "seeds=12"],
@@ -191,11 +191,6 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
         (["search", "-m", "seed=1,2"], "experiment: expected one of demo, "),
         (["search", "experiment=demo", "seed=0,1"], "expected one value: this runs once; got seed=0,1"),
         (["search", "experiment=demo", "seed=range(0,2)"], "`tacevo search -m ...` runs a sweep of all values"),
-        (["export", ".", "g00s00", "-o", "x", "--register", "shear"], "registered_model_name='shear'"),
-        (["export", ".", "g00s00", "-o", "x", "--register"], "registered_model_name='NAME'"),
-        (["replay", ".", "--diff", "other one"], "`cmp ledger.jsonl 'other one/ledger.jsonl'`"),
-        (["replay", ".", "--diff"], "`cmp ledger.jsonl OTHER/ledger.jsonl`"),
-        (["replay", ".", "--diff", f"{__file__}/job"], "unzip bundles first"),
         (["report", ".", "--latex", "--follow"], "does not go with --latex"),
         (["tables"], "name a run or a sweep, or give --paper"),
         (["study", "sweep=.", "data.split_seed=1"], "no setting of data with sweep=: jobs are compared on their own"),
@@ -264,7 +259,7 @@ def test_help_is_as_wide_as_a_terminal_and_ends_with_examples(
     told = capsys.readouterr().out
     assert [line for line in told.splitlines() if len(line) > WIDTH] == []
     assert f"  tacevo {' '.join(command)}".rstrip() in told.lower().partition("\nexamples:\n")[2]
-    assert not {"--resolve", "--info", "--register", "--diff"} & set(told.split())
+    assert not {"--resolve", "--info"} & set(told.split())
 
 
 def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,7 +28,7 @@ PAGES = (
 )
 
 #: With a task that `tacevo init` makes first, or a part that the page has a reader write.
-OF_A_READER = re.compile(r"task=(shear|\w+-paper)|\bparts/\w+\.py")
+OF_A_READER = re.compile(r"task=(shear|\w+-paper)|\bparts/\w+\.py|\[first\b|\$[A-Z]+")
 
 #: A file that a page has a reader write: its name, and the text.
 WRITTEN = re.compile(r"^```python\n# (\S+\.py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

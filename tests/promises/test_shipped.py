@@ -31,6 +31,7 @@ ANSWERED = {
         "no verdict on a model",
     ],
     "grating-claude": ["The hosted API was not called", "one observation"],
+    "first-mutations": ["no model was asked", "not compare them"],
     "operator-or-search": ["The hosted API was not called", "one of 25 children of the elites could be trained"],
     "telling-losses": ["The hosted API was not called", "The control can be seen through"],
     "words-temperature": ["The hosted API was not called", "the losses say nothing"],
@@ -161,15 +162,3 @@ def test_published_training_comes_again_bit_for_bit(capsys: pytest.CaptureFixtur
     """Of the force run, by portable numerics, on this machine."""
     assert main(["replay", str(BUNDLES / "force-grammar.zip"), "--retrain", "1"]) == 0
     assert "weights are bit for bit as recorded" in capsys.readouterr().out
-
-
-@pytest.mark.long
-def test_published_run_is_taken_up(place: Path) -> None:
-    """Ten generations more stand behind lines that are the published ones, byte for byte."""
-    bundle = BUNDLES / "force-grammar.zip"
-    assert main(["extend", str(bundle), "search.generations=30", "run.dir=longer", "tracking=none"]) == 0
-    published = opened(bundle)
-    recorded = (published.folder / "ledger.jsonl").read_bytes()
-    continued = (place / "longer" / "ledger.jsonl").read_bytes()
-    assert continued.startswith(recorded)
-    assert continued.count(b'"kind":"generation"') == 31

@@ -3,6 +3,7 @@
 import io
 import itertools
 import re
+import time
 from dataclasses import replace
 
 import fakes
@@ -11,6 +12,7 @@ from rich.console import Console
 from waiting import eventually
 
 from tacevo.evolution.algorithm import run_search
+from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.state import Budget, Plan
 from tacevo.records import Training
 from tacevo.rounding import significant
@@ -92,6 +94,47 @@ def test_log_is_never_silent_for_long() -> None:
         )
         view.advance("trainings", 0, 8)  # of another job
         assert eventually(lambda: "trainings: 0 of 8, at work" in text.getvalue(), seconds=20)
+
+
+def test_what_was_recalled_enters_no_estimate() -> None:
+    """No time is told before something was made; then it is that of what was made, from its own beginning on."""
+    text = io.StringIO()
+    with Progress(Console(file=text, width=200), silence=0.05) as view:
+        view.advance("networks", 0, 1000)
+        view.advance("networks", 500, 1000, recalled=True)
+        assert eventually(lambda: "500 of 1000, at work" in text.getvalue(), seconds=20)
+        time.sleep(1)
+        began = time.monotonic()
+        view.advance("networks", 900, 1000, recalled=True)
+        time.sleep(0.2)
+        view.advance("networks", 902, 1000)
+        assert eventually(lambda: "902 of 1000, about" in text.getvalue(), seconds=20)
+        took = time.monotonic() - began
+    (told, *_) = re.findall(r"902 of 1000, about (\d+) seconds left", text.getvalue())
+    assert (
+        49 * 0.2 - 1 <= int(told) <= 49 * took + 1
+    )  # two took so long, and 98 are left; the second before is not theirs
+
+
+def test_recalled_candidates_enter_no_pace() -> None:
+    """A search that recalls some of its networks between others tells the time of those that it trains."""
+    done = fakes.Recorder()
+    run_search(PLAN, replace(fakes.effects(), cpu_seconds=itertools.count().__next__), Ledger(), done)
+    told = []
+    for recalled in (set[str](), {"g01s00", "g01s01", "g01s02"}):
+        out, clock = io.StringIO(), itertools.count(0, 1000).__next__
+        watcher = Watcher(PLAN, Progress(Console(file=out)), clock=clock)
+        states = iter(zip(done.lines, done.states, strict=True))
+        outcomes = {one.proposal.id: one for one in done.outcomes}
+        for line, state in states:
+            if isinstance(line, CandidateLine):
+                one = outcomes[line.id]
+                watcher.developed(replace(one, cpu_seconds=0.0 if line.id in recalled else one.cpu_seconds, seconds=0))
+            watcher.committed(line, state)
+        told.append(re.findall(r"about (\S+) (\S+) left", out.getvalue()))
+    fresh, mixed = told
+    assert fresh[0] == mixed[0]  # generation 0, all of it trained
+    assert fresh[1] != mixed[1]
 
 
 def test_long_work_is_told_of_less_often() -> None:

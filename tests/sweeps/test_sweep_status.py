@@ -1,5 +1,6 @@
 """The state of a job is what its directory shows."""
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +10,9 @@ from sweeps import SHARED, begin, composed
 from tacevo.config.identity import config_hash
 from tacevo.evolution.run_files import finished_digest
 from tacevo.results.sweep import Standing, state_of
-from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.sweeps.status import best_in_words, describe_jobs, status_of
-from tacevo.sweeps.sweeping import plan
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
+from tacevo.sweeps.status import best_in_words, continuing, describe_jobs, status_of
+from tacevo.sweeps.sweeping import part, plan
 
 
 @pytest.fixture
@@ -126,3 +127,17 @@ def test_job_that_learned_nothing_is_said_to_be_at_chance(
     assert best_in_words(status) in describe_jobs([status])
     begin(directory, job, finished=False)
     assert not status_of(directory, job).at_chance
+
+
+def test_command_that_continues_a_sweep_asks_for_its_jobs(tmp_path: Path) -> None:
+    """The same ones, no more and no fewer; where no command can, that is said."""
+    directory = SweepDirectory(tmp_path / "my sweep")
+    shared, own = part([*SHARED, "ablation=none,fixed_temperature", "seed=0,1"], ())
+    jobs = tuple(plan(shared, own))
+    directory.write(SweepRecord(overrides=shared, jobs=jobs))
+    _, command, several, *settings, into, place = shlex.split(continuing(directory, "tacevo"))
+    assert (command, several, into, place) == ("search", "-m", "--into", str(directory.path))
+    again, owns = part(settings, ())
+    assert (again, set(plan(again, owns))) == (shared, set(jobs))
+    directory.write(SweepRecord(overrides=shared, jobs=jobs[:3]))
+    assert "search" not in continuing(directory, "tacevo")

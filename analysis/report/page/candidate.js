@@ -24,10 +24,16 @@ function drawCandidate() {
           })
         : null;
     panel.replaceChildren(
-        ...[factsOf(run, one), requestOf(run, one), losses, sourceOf(run, one), rejectedOf(one)].filter(
+        ...[inShort(run, one), requestOf(run, one), sourceOf(run, one), rejectedOf(one), losses, factsOf(run, one)].filter(
             (part) => part !== null,
         ),
     );
+}
+
+// The first line: what it is worth, and its size.
+function inShort(run, one) {
+    if (one.fitness === null) return null;
+    return h("p", { class: "in-short" }, `${lossWords(one)}; ${counted(one.parameters, "parameter")}, ${counted(one.flops, "FLOP")}.`);
 }
 
 function facts(pairs) {
@@ -121,20 +127,22 @@ function requestOf(run, one) {
         null,
         h("h3", null, `Asked for by ${one.prompt === null ? "" : `${one.operator}: `}${instructionOf(run, one)}`),
         h("blockquote", null, text),
-        h("p", null, temperatureOf(run, one)),
+        h("p", null, ...temperatureOf(run, one)),
     );
 }
 
+// What is known of a temperature: no record has whether a model acted on it, but its makers may have noted that.
 function temperatureOf(run, one) {
     const value = number(one.temperature);
     if (one.dropped.includes("temperature"))
-        return `Temperature not sent, because ${run.why_not_sent ?? "the model refuses it"} (${value} was planned).`;
+        return [`Temperature not sent, because ${run.why_not_sent ?? "the model refuses it"} (${value} was planned).`];
     if (one.carrier !== undefined && one.level === undefined)
-        return `Temperature not sent${carriedBy(run)} (${value} was planned).`;
+        return [`Temperature not sent${carriedBy(run)} (${value} was planned).`];
+    if (isByGrammar(run))
+        return [`Temperature ${value}${carriedBy(run)}, here a mutation strength: up to four random edits came on top.`];
     const chosen = one.effort ? `effort ${one.effort}` : `“${run.boldness?.[one.level - 1]}”`;
     const carried = one.carrier === undefined ? "" : `${carriedBy(run)}: ${chosen}`;
-    const strength = isByGrammar(run) ? ", here a mutation strength: up to four random edits came on top" : "";
-    return `Temperature ${value}${carried}${strength}.`;
+    return [`Temperature ${value}${carried}.`, ...(run.on_temperature.length ? [" ", h("a", { href: "#temperature-note" }, "A note of the makers says more of temperatures"), "."] : [])];
 }
 
 function rejectedOf(one) {

@@ -11,6 +11,9 @@ const colourClass = (place) => `hue${place % 8}`;
 
 const dashOf = (place) => DASHES[place % DASHES.length];
 
+// The most marks that have their names beside them; more would lie on each other.
+const NAMED = 8;
+
 function drawing(words, height = HEIGHT, width = WIDTH) {
     return d3.create("svg").attr("viewBox", `0 0 ${width} ${height}`).attr("role", "img").attr("aria-label", words);
 }
@@ -90,6 +93,12 @@ function legend(entries) {
 
 const smallDrawing = (width) =>
     drawing("", 10, width).attr("aria-hidden", "true").attr("role", null).attr("class", "mark");
+
+function recordMark() {
+    const svg = smallDrawing(12);
+    svg.append("g").attr("class", "estimate").attr("transform", "translate(6,5)").append("line").attr("x1", -4).attr("x2", 4);
+    return svg.node();
+}
 
 function levelMark() {
     const svg = smallDrawing(30);
@@ -188,7 +197,14 @@ function lineChart({
         const aside = 6 * (same.indexOf(one) - (same.length - 1) / 2); // beside each other within a generation
         const group = svg.append("g").attr("class", "estimate").attr("transform", `translate(${x(one.at) + aside},0)`);
         group.append("line").attr("y1", y(one.from)).attr("y2", y(one.to));
+        group.append("line").attr("x1", -4).attr("x2", 4).attr("y1", y(one.from)).attr("y2", y(one.from));
         group.append("path").attr("transform", `translate(0,${y(one.to)})`).attr("d", d3.symbol(d3.symbolDiamond, 44)());
+        if (marks.length <= NAMED) {
+            // Side by side, one name is to the left and one to the right; at the ends of the axis there is one side.
+            const isLeft = one.at > from + 0.8 * length || (one.at > from && same.indexOf(one) < (same.length - 1) / 2);
+            const label = group.append("text").attr("x", isLeft ? -6 : 6).attr("y", y(one.to)).attr("dy", "0.32em");
+            label.attr("text-anchor", isLeft ? "end" : "start").text(one.name);
+        }
         group.append("title").text(told[series.length + levels.length + place]);
     });
     const readout = h("p", { class: "readout" }, "\u00a0");
@@ -214,7 +230,12 @@ function lineChart({
     const entries = [
         ...series.map((one, place) => [one.name, lineMark(place)]),
         ...levels.map((one) => [`${one.name} ${format(one.value)}`, levelMark()]),
-        ...(marks.length ? [["re-estimated with other seeds", diamondMark()]] : []),
+        ...(marks.length
+            ? [
+                  ["a network's median with other seeds", diamondMark()],
+                  ["its fitness on record", recordMark()],
+              ]
+            : []),
     ];
     const names = entries.length > 1 ? [legend(entries)] : [];
     const valueOf = (one, at) => {

@@ -18,9 +18,7 @@ function drawDynamics() {
     const ofReach = of("prompt_coverage").map((share) => (share * run.prompt_niches) / reach);
     const figures = [
         lineChart({
-            caption: `Fitness: the best and the median elite of the archive, and the median of the generation's own networks${
-                estimates.length ? "; each diamond is joined to the record that it corrects" : ""
-            }.`,
+            caption: "Fitness: the best and the median elite of the archive, and the median of the generation's own networks.",
             yName: "validation loss",
             scaleOf: lossScale,
             series: [
@@ -50,12 +48,8 @@ function drawDynamics() {
             yName: "QD-score",
             series: [{ name: "QD-score", values: of("qd_score") }],
         }),
-        answers(lines),
-        lineChart({
-            caption: `Temperature${carriedBy(run)} of each generation.`,
-            yName: "temperature",
-            series: [{ name: "T", values: of("temperature") }],
-        }),
+        ...answers(lines),
+        temperatures(run, of("temperature")),
         ...(hasPrompts ? [promptMap(run)] : []),
         yields(
             "Children of each instruction that entered the network archive, with 95 % intervals.",
@@ -73,21 +67,45 @@ function drawDynamics() {
     byId("dynamics-figures").replaceChildren(...figures);
 }
 
-// What became of first answers: bars of what there is, or a sentence where all were trained.
+// What became of first answers: bars of what there is; where all were trained, a sentence above the figures says so.
 function answers(lines) {
     const stages = Object.keys(lines[0]?.rejected ?? {}).filter((stage) => lines.some((line) => line.rejected[stage]));
     const isSkipping = lines.some((line) => line.skipped);
-    if (stages.length === 0 && !isSkipping) {
-        const all = counted(d3.sum(lines, (line) => line.trained), "candidate");
-        return h("figure", null, h("figcaption", null, `All ${all} were trained, the baseline among them: none was rejected.`));
-    }
+    const all = counted(d3.sum(lines, (line) => line.trained), "candidate");
+    const isWhole = stages.length === 0 && !isSkipping;
+    byId("dynamics-words").textContent = isWhole ? `All ${all} were trained, the baseline among them: none was rejected.` : "";
+    if (isWhole) return [];
     const ends = isSkipping ? ["trained", "skipped"] : ["trained"];
-    return stackedBars({
+    const bars = stackedBars({
         caption: `First answers: ${ends.join(", ")}${stages.length ? ", or the stage that rejected them" : ""}.`,
         yName: "candidates",
         names: [...ends, ...stages.map((stage) => `rejected at ${stage}`)],
         rows: lines.map((line) => [...ends.map((name) => line[name] ?? 0), ...stages.map((stage) => line.rejected[stage])]),
     });
+    return [bars];
+}
+
+// The temperature that the rule gave each generation, what it is here, and what is known of its effect.
+function temperatures(run, values) {
+    const chart = lineChart({
+        caption: `Temperature${carriedBy(run)} of each generation.`,
+        yName: "temperature",
+        series: [{ name: "T", values }],
+    });
+    const asked = run.candidates.filter((one) => one.temperature !== null);
+    const unsent = asked.filter((one) => one.dropped.includes("temperature")).length;
+    const carrier = run.settings.temperature?.carrier;
+    let words = "The rule gives each generation a sampling temperature for its requests: at a higher one, answers to one question differ more.";
+    if (isByGrammar(run)) words = "The grammar takes it as a mutation strength: at a higher one, it makes more random edits beside those that it is asked for.";
+    else if (carrier === "none") words = "It was planned, and sent to no model.";
+    else if (carrier !== undefined) words = `It is not sent as a number: it chooses one of several ${carrier === "effort" ? "efforts" : "sentences"}.`;
+    if (unsent) words += ` ${unsent === asked.length ? "It was not sent" : `In ${unsent} of ${asked.length} requests it was not sent`}: ${run.why_not_sent ?? "the model refuses it"}.`;
+    chart.append(h("p", { class: "note" }, words));
+    if (run.on_temperature.length) {
+        const note = run.on_temperature.map((paragraph) => h("blockquote", null, paragraph));
+        chart.append(h("div", { id: "temperature-note", class: "note" }, "The makers' note:", ...note));
+    }
+    return chart;
 }
 
 const spending = (caption, name, values) => lineChart({ caption, yName: name, series: [{ name, values }] });
@@ -107,7 +125,7 @@ function yields(caption, found) {
 
 // The prompt archive, a row for each instruction over the temperature, cut into the niches that it meets.
 function promptMap(run) {
-    const caption = `The prompt archive over instruction and temperature${carriedBy(run)}, coloured by curiosity.`;
+    const caption = `The prompt archive over instruction and temperature${carriedBy(run)}, coloured by curiosity: how much a trial taught.`;
     const [left, step] = [150, 18];
     const height = INSET.top + step * run.prompt_rows.length + INSET.bottom;
     const x = d3.scaleLinear([0, 1], [left, WIDTH - INSET.right]);
@@ -115,7 +133,7 @@ function promptMap(run) {
     const trials = new Map(run.trials.map((trial) => [trial.niche, trial]));
     const beyond = new Set(run.unreachable);
     const svg = drawing(`${caption} ${trials.size} of ${run.prompt_niches} niches are held.`, height);
-    const colour = d3.scaleSequential([0.5, 2], d3.interpolateCividis);
+    const colour = d3.scaleSequential([0.5, 2], (part) => d3.interpolatePurples(0.15 + 0.85 * part)); // not the losses' own
     const wordsOf = (trial) =>
         `${run.instructions[trial.prompt].id} at temperature ${number(trial.temperature)}: curiosity ${number(trial.curiosity)}, child ${trial.inserted ? "inserted" : "not inserted"}`;
     run.prompt_rows.forEach((pieces, row) => {
@@ -141,13 +159,13 @@ function promptMap(run) {
     });
     for (const trial of run.trials) {
         svg.append("path")
-            .attr("class", trial.inserted ? "point" : "point is-cross")
+            .attr("class", trial.inserted ? "trial" : "trial is-cross")
             .attr("transform", `translate(${x(trial.temperature)},${y(trial.prompt + 0.5)})`)
             .attr("d", d3.symbol(trial.inserted ? d3.symbolCircle : d3.symbolTimes, 22)());
     }
     frame(svg, x, d3.scaleLinear(), { xName: "temperature", yName: "", xTicks: ticksOf(x, 5, shortly), yTicks: [], height });
     const words = [
-        "A disc is a trial whose child entered the network archive",
+        "Curiosity is 1 + 1 / (1 + loss) of a child that entered the network archive, else 0.5. A disc is a trial whose child entered the network archive",
         ...(run.trials.some((trial) => !trial.inserted) ? [", a cross one whose child did not"] : []),
         ...(beyond.size ? ["; grey dashes bound niches that no trial could reach"] : []),
     ].join("");

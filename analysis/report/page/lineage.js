@@ -58,7 +58,7 @@ function lineTo(run, id) {
     return items;
 }
 
-const TREE = { left: 40, top: 14, step: 26, column: 72, width: 720, letter: 5.8 };
+const TREE = { left: 40, top: 14, step: 26, column: 72, width: 720, letter: 6.2 };
 
 // The baseline stands before generation 0.
 const columnOf = (one) => (one.operator === "baseline" ? -1 : one.generation);
@@ -72,7 +72,7 @@ function drawTree(run) {
     const tallest = d3.max([...columns.values()], (column) => column.length) ?? 0;
     const edgeName = (one) => instructionOf(run, one);
     const letters = d3.max(nodes, (one) => edgeName(one).length) ?? 0;
-    const step = Math.max(TREE.column, 20 + letters * TREE.letter);
+    const step = Math.max(TREE.column, 34 + letters * TREE.letter);
     const width = Math.max(TREE.width, TREE.left * 2 + step * run.generations.length);
     const height = TREE.top * 2 + TREE.step * Math.max(tallest, 4) + 20;
     const x = d3.scaleLinear([-1, Math.max(run.generations.length - 1, 1)], [TREE.left, width - TREE.left]);

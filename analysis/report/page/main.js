@@ -25,7 +25,7 @@ function show(page) {
     byId("title").textContent = page.title;
     byId("state").textContent = page.state;
     byId("checked").replaceChildren(...page.checked.map((line) => h("li", null, ...withCode(line))));
-    byId("sweep-found").textContent = page.sweep?.found ?? "";
+    byId("sweep-found").replaceChildren(...(page.sweep?.found ?? []).map((line) => h("li", null, line)));
     byId("replay").hidden = page.commands.length === 0;
     byId("commands").textContent = page.commands.join("\n");
     byId("run-label").hidden = page.runs.length < 2;
@@ -47,7 +47,7 @@ function choose(run) {
 
 function drawRun() {
     const run = state.run;
-    byId("found").textContent = run.found;
+    byId("found").replaceChildren(...run.found.map((line) => h("li", null, line)));
     byId("headlines").replaceChildren(...run.headlines.map((line) => h("p", null, ...withCode(line))));
     byId("remarks").replaceChildren(...run.remarks.map((line) => h("li", null, ...withCode(line))));
     const notes = run.remarks.length ? `, ${counted(run.remarks.length, "note")}` : "";

@@ -7,7 +7,10 @@ const COLOURS = {
     flops: { name: "FLOPs", value: (one) => one.flops },
 };
 
-const MAP = { width: 560, height: 500, left: 62, right: 20, top: 12, bottom: 44 };
+const MAP = { width: 560, height: 500, left: 84, right: 20, top: 12, bottom: 44 };
+
+// How far a mark stays within the frame.
+const EDGE = 4;
 const mapX = d3.scaleLinear([0, 1], [MAP.left, MAP.width - MAP.right]);
 const mapY = d3.scaleLinear([0, 1], [MAP.height - MAP.bottom, MAP.top]);
 
@@ -35,7 +38,7 @@ function colouring(run, choice) {
         : d3.scaleLinear([low, high === low ? low + 1 : high], [0, 1]);
     place.clamp(true);
     const colour = (one) => d3.interpolateCividis(isReversed ? 1 - place(one) : place(one));
-    return { of: (candidate) => colour(value(candidate) ?? Infinity), colour, at: (part) => place.invert(part), low, high };
+    return { of: (candidate) => colour(value(candidate) ?? Infinity), colour, at: (part) => place.invert(part), low, high, isLog };
 }
 
 function drawMap() {
@@ -59,17 +62,34 @@ function drawMap() {
         .join("path")
         .attr("class", "empty")
         .attr("d", cellPath);
-    const marks = "the star is the best elite, a thick edge a new one";
+    byId("map-legend").replaceChildren(mapLegend(run));
+    svg.append("g").attr("class", "axes").attr("aria-hidden", "true");
+    svg.append("g").attr("class", "elites");
+    svg.append("g").attr("class", "points"); // above the cells, of which another one would hide a point at its edge
+    svg.append("g").attr("class", "lost"); // above the elites, whose cells would hide its dashes
+    fillMap();
+}
+
+// What each mark of the map is; without niches an elite is a disc.
+function mapLegend(run) {
+    const shape = (kind, inner) => {
+        const svg = smallDrawing(14).attr("viewBox", "0 0 14 14");
+        const group = svg.append("g").attr("class", kind).attr("transform", "translate(7,7)");
+        inner(group);
+        return svg.node();
+    };
+    const symbol = (kind, size, name) => (group) => group.append("path").attr("class", name).attr("d", d3.symbol(kind, size)());
+    const cell = symbol(run.cells.length ? d3.symbolSquare : d3.symbolCircle, 90, "cell");
     const hasEmptied = run.generations.some(
         (line, at) => at && run.generations[at - 1].elites.some(([niche]) => !line.elites.some(([other]) => other === niche)),
     );
-    byId("map-note").textContent = run.cells.length
-        ? `A cell is a niche; ${marks}${hasEmptied ? ", a dashed cell one that emptied" : ""}.`
-        : `A disc is an elite; ${marks}.`;
-    svg.append("g").attr("class", "axes").attr("aria-hidden", "true");
-    svg.append("g").attr("class", "elites");
-    svg.append("g").attr("class", "lost"); // above the elites, whose cells would hide its dashes
-    fillMap();
+    return legend([
+        [run.cells.length ? "an elite, in its niche" : "an elite", shape("", symbol(d3.symbolCircle, 22, "point"))],
+        ["the best elite", shape("", symbol(d3.symbolStar, 50, "point is-best"))],
+        ["new in this generation", shape("is-new", cell)],
+        ["chosen: its panel is shown", shape("is-selected", cell)],
+        ...(hasEmptied && run.cells.length ? [["emptied in this generation", shape("emptied", symbol(d3.symbolSquare, 90, ""))]] : []),
+    ]);
 }
 
 // Draw what depends on the generation or the choice of colours.
@@ -97,7 +117,6 @@ function fillMap() {
         .join((entered) => {
             const link = entered.append("a");
             link.append("path").attr("class", "cell");
-            link.append("path").attr("class", "point");
             return link;
         });
     const placeOf = ([, id]) => placeOnMap(run.byId.get(id).point, line.extents);
@@ -109,8 +128,9 @@ function fillMap() {
     const rank = (elite) => (elite[1] === state.selected ? 2 : Number(isNew(elite)));
     links.sort((a, b) => rank(a) - rank(b)); // an edge that says something lies above its neighbours'
     const toPlace = (elite) => {
-        const [x, y] = placeOf(elite);
-        return `translate(${mapX(x)},${mapY(y)})`;
+        const [x, y] = placeOf(elite); // the ends of the axes are elites' own places: a mark on the frame is drawn inside
+        const [left, top] = [Math.max(mapX(x), MAP.left + EDGE), Math.max(mapY(y), MAP.top + EDGE)];
+        return `translate(${Math.min(left, MAP.width - MAP.right - EDGE)},${Math.min(top, MAP.height - MAP.bottom - EDGE)})`;
     };
     const disc = d3.symbol(d3.symbolCircle, 260)(); // for an archive without niches
     links
@@ -118,11 +138,13 @@ function fillMap() {
         .attr("d", ([niche]) => (run.cells.length ? cellPath(run.cells[niche]) : disc))
         .attr("transform", run.cells.length ? null : toPlace)
         .attr("fill", ([, id]) => scale.of(run.byId.get(id)));
-    links
-        .select(".point")
-        .attr("d", ([, id]) => (id === best ? d3.symbol(d3.symbolStar, 90)() : d3.symbol(d3.symbolCircle, 22)()));
-    links.select(".point").classed("is-best", ([, id]) => id === best);
-    links.select(".point").attr("transform", toPlace);
+    svg.select(".points")
+        .selectAll("path")
+        .data(line.elites)
+        .join("path")
+        .attr("class", ([, id]) => (id === best ? "point is-best" : "point"))
+        .attr("d", ([, id]) => (id === best ? d3.symbol(d3.symbolStar, 90)() : d3.symbol(d3.symbolCircle, 22)()))
+        .attr("transform", toPlace);
     const say = ([niche, id]) => (byId("map-readout").textContent = eliteWords(run, niche, id));
     links.on("pointerenter focus", (_, elite) => say(elite));
     const nodes = links.nodes();
@@ -142,7 +164,7 @@ function fillMap() {
     byId("generation").setAttribute("aria-valuetext", byId("generation-words").textContent);
     const bar = scale.high > scale.low ? colourBar(scale.colour, scale.at, scale.low, scale.high) : "";
     byId("map-colours").replaceChildren(
-        `${COLOURS[state.colour].name} of the elite, from the least to the greatest of the last generation`,
+        `${COLOURS[state.colour].name} of the elite${scale.isLog ? " (logarithmic scale)" : ""}, from the least to the greatest of the last generation`,
         bar,
     );
 }
@@ -177,15 +199,20 @@ function drawMapAxes(svg, run, line) {
             .attr("text-anchor", "end")
             .text(shortly(tick));
     }
-    axes.append("text")
-        .attr("x", mapX(0.5))
-        .attr("y", MAP.height - 6)
-        .attr("text-anchor", "middle")
-        .text(run.axes[0]);
-    axes.append("text")
-        .attr("transform", `translate(14,${mapY(0.5)}) rotate(-90)`)
-        .attr("text-anchor", "middle")
-        .text(run.axes[1] ?? "");
+    const [across, up] = run.axes.map((name, axis) => [name, ...(run.directions[axis] ?? [])]);
+    drawAxisName(axes.append("g"), across, [mapX(0), mapX(1)], [MAP.height - 6, MAP.height - 6]);
+    // Upright there is less room, so what stands at the ends is nearer to the axis than its name.
+    if (up) drawAxisName(axes.append("g").attr("transform", "rotate(-90)"), up, [-mapY(0), -mapY(1)], [12, 29]);
+}
+
+// Write the name of an axis in its middle, and at its ends what low and high values mean, where that has words.
+function drawAxisName(group, [name, low, high], [start, end], [y, besideY]) {
+    const write = (text, x, at, anchor) =>
+        group.append("text").attr("x", x).attr("y", at).attr("text-anchor", anchor).text(text);
+    write(name, (start + end) / 2, y, "middle");
+    if (!low) return;
+    write(`← ${low}`, start, besideY, "start");
+    write(`${high} →`, end, besideY, "end");
 }
 
 function eliteWords(run, niche, id) {

@@ -18,7 +18,7 @@ from analysis.report.page.finding import found
 from analysis.report.page.source_texts import kept_lines, source_contents
 from analysis.rounding import p_in_words, shown
 from analysis.runs.archive_history import archive_history, archive_medians
-from analysis.runs.coverage_map import axis_label, descriptors
+from analysis.runs.coverage_map import DIRECTIONS, axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
 from analysis.runs.niches import cells, prompt_rows, reachable_prompt_niches
 from analysis.studies.comparison import Verdict, deciding_p, of_whole
@@ -71,8 +71,10 @@ class RunMaterial:
     edited: Sequence[str] = ()
     #: Of the run and its studies.
     tables: Sequence[Table] = ()
-    #: Sentences that stand above all.
+    #: Sentences that stand above all, those of the makers' note among them.
     remarks: Sequence[str] = ()
+    #: The paragraphs of that note.
+    note: Sequence[str] = ()
     #: Sample images, as a `data:` address.
     samples: str | None = None
     #: Of installed outputs, as of `sections_contents`.
@@ -83,7 +85,9 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
     """Return all that the page shows of a run but its sources (`run_sources`), as JSON.
 
     `cells` are the corners of every niche of the network archive, none where it has no niches, and `places` how many
-    elites it can hold; `unreachable` the niches of the prompt archive that no trial could reach.
+    elites it can hold; `unreachable` the niches of the prompt archive that no trial could reach; `directions` the words
+    for the low and the high end of each axis, None of a user's own; `on_temperature` the paragraphs of the makers' note
+    that speak of temperatures, whose effect no record has.
     """
     collection, tables = given.collection, given.tables
     run, task = collection.run, collection.run.record.task
@@ -96,12 +100,14 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
         "remarks": [*([run.shortfall] if run.shortfall else []), *given.remarks, *_sourceless(given)],
         "again": medians_by_id(collection.reestimates),
         "axes": [axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes],
+        "directions": [DIRECTIONS.get(axis) for axis in run.config.archive.axes],
         "cells": _cells(collection.niches.networks),
         "places": run.places,
         "instructions": to_json(task.instructions),
         "crossover": task.crossover,
         **({"boldness": task.boldness} if task.boldness else {}),
         **({"why_not_sent": why_not_sent(TEMPERATURE, thinks=True)} if run.config.llm.thinks else {}),
+        "on_temperature": [words for words in given.note if "temperature" in words.lower()],
         "candidates": _candidates(collection, given.texts),
         "generations": _generations(run, collection.niches.networks),
         "pareto": _pareto(collection),

@@ -82,19 +82,26 @@ function frontChart(run) {
     const baseline = byName.get(run.candidates[0].id);
     if (baseline !== undefined) {
         svg.append("path") // above all points, which would hide it
-            .attr("class", "point is-best")
+            .attr("class", "point is-baseline")
             .attr("transform", `translate(${x(baseline.flops)},${y(baseline.fitness)})`)
-            .attr("d", d3.symbol(d3.symbolStar, 150)());
+            .attr("d", d3.symbol(d3.symbolTriangle, 110)());
     }
     const place = new Map(edge.map((one) => [one.id, [x(one.flops), y(one.fitness)]]));
     withArrowKeys(links.nodes(), (node) => place.get(d3.select(node).datum().id), links.nodes()[0]);
     const note = [
-        "The star is the baseline.",
+        "The triangle is the baseline.",
         ...(edge.some((one) => one.isAgain)
             ? ["A diamond was trained again by a study or a noise run, and counts by the median of these losses."]
             : []),
-        ...(edge.some((one) => !one.isAgain) ? ["A square counts by the fitness by which the search chose, which flatters it."] : []),
+        ...(edge.some((one) => !one.isAgain)
+            ? ["A square counts by the fitness by which the search chose, which flatters it: it was not trained again, and may be luck."]
+            : []),
     ].join(" ");
+    const best = bestOf(run);
+    const absent =
+        best in again && !front.includes(best)
+            ? h("p", null, linkTo(run, best), `, best on record with ${number(run.byId.get(best).fitness)}, is not among them: trained again, it has ${number(again[best])}.`)
+            : "";
     const named = edge.map((one) => linkTo(run, one.id));
     return h(
         "figure",
@@ -102,6 +109,7 @@ function frontChart(run) {
         h("figcaption", null, caption),
         svg.node(),
         h("p", null, "The front: ", ...listOf(named), "."),
+        absent,
         h("p", { class: "note" }, note),
     );
 }

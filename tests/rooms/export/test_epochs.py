@@ -17,7 +17,7 @@ class Shown(Progress):
         super().__init__(Console(file=io.StringIO()))
         self.counts: list[tuple[int, int]] = []
 
-    def advance(self, what: str, done: int, total: int, note: str = "") -> None:
+    def advance(self, what: str, done: int, total: int, note: str = "", *, recalled: bool = False) -> None:
         """Keep it."""
         assert what == "epochs"
         self.counts.append((done, total))

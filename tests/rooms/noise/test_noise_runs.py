@@ -236,7 +236,8 @@ def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsy
         assert all(cell in line for cell in cells for line in told.splitlines() if line.startswith(f"| {row.network} "))
     assert "fitness, one draw" in told
     assert run.shortfall  # one epoch teaches nothing, so no study of it is proposed
-    *_, first, second, digest = told.splitlines()
+    *_, first, second, cited, digest = told.splitlines()
+    assert cited.startswith(f"run digest: {run.digest} (the one to cite")
     assert [line.split("tacevo ")[1] for line in (first, second)] == ["tables run", "report run"]
     assert digest == f"digest: {directory.read().digest}"
     assert main(["show", "run"]) == 0

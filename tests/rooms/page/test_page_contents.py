@@ -1,6 +1,7 @@
 """Promise: the page's contents are what the records say, candidate by candidate and generation by generation."""
 
 import hashlib
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -131,14 +132,25 @@ def test_page_begins_with_what_was_found(whole: tuple[Collection, dict[str, Any]
     collection, given = whole
     again = reestimated(collection.run, collection.reestimates)
     assert again is not None
-    words = given["found"]
+    words = " ".join(given["found"])
     assert all(shown(loss) in words for loss in again[1:])
     (study,) = collection.studies
     verdicts = list(study.comparisons.verdict[study.comparisons.output.isna()]) if study.comparisons is not None else []
     assert f"{verdicts.count('better')} of {len(verdicts)} network" in words
-    assert f"{study.study.data.counts[2]} test images" in words
+    assert f"on {study.study.data.counts[2]} images" in words
+    sentences = [sentence for line in given["found"] for sentence in line.split(". ")]
+    assert max(len(re.findall(r"(?<!\w)\d[\d.,]*", sentence)) for sentence in sentences) <= 3
     alone = replace(collection, studies=(), reestimates=())
-    assert "single draws" in run_contents(RunMaterial(collection=alone, texts={}))["found"]
+    *_, last = run_contents(RunMaterial(collection=alone, texts={}))["found"]
+    assert "Single draws" in last
+
+
+def test_page_has_what_the_makers_noted_of_temperatures(whole: tuple[Collection, dict[str, Any]]) -> None:
+    """No record has whether a model acted on its temperature; their note may say it."""
+    collection, given = whole
+    note = ["Few images.", "The server refuses a sampling Temperature.", "One search."]
+    assert run_contents(RunMaterial(collection=collection, texts={}, note=note))["on_temperature"] == [note[1]]
+    assert given["on_temperature"] == []
 
 
 def test_prompts_are_rows_of_named_instructions(whole: tuple[Collection, dict[str, Any]]) -> None:

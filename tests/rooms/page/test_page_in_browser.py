@@ -1,6 +1,7 @@
 """Promise: in a browser the page fills every panel, follows mouse and keyboard, runs no foreign text, asks nobody."""
 
 import io
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -78,7 +79,7 @@ def test_first_screen_says_what_was_found_and_shows_the_map(
     """The finding is the first sentence, the facts are folded away, and half of the map is in sight at least."""
     page, wrong = open_page(shipped, size=size)
     (run,) = shipped.runs
-    assert page.locator("#found").inner_text() == run["found"] != ""
+    assert page.locator("#found li").all_inner_texts() == run["found"] != []
     assert not page.locator("#headlines").is_visible()
     drawn = page.locator("#map-drawing svg").bounding_box()
     assert drawn is not None
@@ -97,8 +98,70 @@ def test_chart_of_fitness_has_baseline_and_reestimates(shipped: PageContents, op
     chart = page.locator("#dynamics-figures figure").first
     assert chart.locator(".level").count() == 2  # the line and its mark in the legend
     assert chart.locator("svg:not(.mark) > .estimate").count() == len(again) > 1
+    assert chart.locator("svg:not(.mark) > .estimate text").all_text_contents() == list(again)
     assert "re-estimated" in str(chart.locator("svg").first.get_attribute("aria-label"))
     assert "rejected at" in page.locator("#dynamics-figures").inner_text()
+
+
+def test_map_says_what_its_marks_and_ends_mean(shipped: PageContents, open_page: Opener) -> None:
+    """Each kind of mark and edge is in the legend; axes say what lies at their ends, and every point is whole."""
+    (run,) = shipped.runs
+    page, wrong = open_page(shipped)
+    assert page.locator("#map-legend li").count() >= 4
+    names = page.locator("#map-drawing .axes").text_content() or ""
+    assert all(words in names for ends in run["directions"] for words in ends)
+    assert page.locator(".points path").count() == len(run["generations"][-1]["elites"])
+    frame = page.locator("#map-drawing rect.empty").bounding_box()
+    assert frame is not None
+    for point in page.locator(".points path:not(.is-best)").all():
+        box = point.bounding_box()
+        assert box is not None
+        assert frame["x"] <= box["x"] <= box["x"] + box["width"] <= frame["x"] + frame["width"]
+        assert frame["y"] <= box["y"] <= box["y"] + box["height"] <= frame["y"] + frame["height"]
+    own, _ = open_page(replace(shipped, runs=({**run, "directions": [None, None]},)))  # a user's own descriptors
+    assert "\N{LEFTWARDS ARROW}" not in (own.locator("#map-drawing .axes").text_content() or "")
+    assert wrong == []
+
+
+def test_best_on_record_that_is_not_on_the_front_is_named(shipped: PageContents, open_page: Opener) -> None:
+    """Trained again, it may have lost its place to networks that were not; both are said."""
+    (run,) = shipped.runs
+    page, _ = open_page(shipped)
+    best = page.locator("#candidate-name").inner_text().removeprefix("Candidate ")
+    others = [name for _, name in run["generations"][-1]["elites"] if name != best][:2]
+    without = {"again": {best: 9.5}, "front": others}
+    page, _ = open_page(replace(shipped, runs=({**run, "pareto": without},)))
+    told = page.locator("#pareto-figures").inner_text()
+    assert f"{best}, best on record" in told
+    assert "9.50" in told
+
+
+@pytest.mark.parametrize(
+    ("settings", "dropped", "told"),
+    [
+        ({"llm": {"provider": "grammar"}}, [], "mutation strength"),
+        ({"temperature": {"carrier": "none"}}, [], "sent to no model"),
+        ({"temperature": {"carrier": "words"}}, [], "one of several sentences"),
+        ({}, ["temperature"], "not sent"),
+        ({}, [], "the makers said this"),
+    ],
+)
+def test_page_says_what_a_temperature_is(
+    shipped: PageContents, open_page: Opener, settings: dict[str, Any], dropped: list[str], told: str
+) -> None:
+    """By what carried it; where it was not sent, or its makers noted something, that stands there."""
+    (run,) = shipped.runs
+    changed = {
+        "settings": {**run["settings"], "llm": {"provider": "anthropic"}, **settings},
+        "candidates": [{**one, "dropped": dropped} for one in run["candidates"]],
+        "on_temperature": ["Of temperatures the makers said this."] if "makers" in told else [],
+    }
+    page, wrong = open_page(replace(shipped, runs=({**run, **changed},)))
+    caption = page.locator("figcaption", has_text=re.compile("^Temperature"))
+    figure = page.locator("#dynamics figure").filter(has=caption)
+    assert told in figure.inner_text()
+    assert page.locator("#candidate a[href='#temperature-note']").count() == ("makers" in told)
+    assert wrong == []
 
 
 def test_page_has_no_texts_of_what_a_run_lacks(shipped: PageContents, open_page: Opener) -> None:
@@ -108,6 +171,7 @@ def test_page_has_no_texts_of_what_a_run_lacks(shipped: PageContents, open_page:
     page, wrong = open_page(replace(shipped, runs=({**run, "generations": lines, "again": {}},)))
     told = page.locator("#dynamics").inner_text()
     assert "none was rejected" in told
+    assert "none was rejected" not in page.locator("#dynamics-figures").inner_text()  # which has no empty field for it
     assert not [word for word in ("rejected at", "skipped", "surrogate", "re-estimated") if word in told]
     assert wrong == []
 
@@ -250,10 +314,10 @@ def test_table_filters_and_sorts(shipped: PageContents, open_page: Opener) -> No
         page.keyboard.press("ArrowDown")
     page.locator("#filter-outcome").select_option("")
     page.get_by_role("button", name="loss", exact=True).click()
-    best = min((one for one in candidates if one["loss"] is not None), key=lambda one: one["loss"])
+    best = min((one for one in candidates if one["fitness"] is not None), key=lambda one: one["fitness"])
     assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == best["id"]
     page.get_by_role("button", name="loss", exact=True).click()
-    worst = max((one for one in candidates if one["loss"] is not None), key=lambda one: one["loss"])
+    worst = max((one for one in candidates if one["fitness"] is not None), key=lambda one: one["fitness"])
     assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == worst["id"]
     assert page.locator('th[aria-sort="descending"]').inner_text() == "loss"
 

@@ -78,7 +78,7 @@ class Heard(Progress):
         """Keep a line."""
         self.lines.append(text)
 
-    def advance(self, what: str, done: int, total: int, note: str = "") -> None:
+    def advance(self, what: str, done: int, total: int, note: str = "", *, recalled: bool = False) -> None:
         """Keep how many jobs are finished."""
         self.counts.append((done, total))
 
