@@ -19,7 +19,7 @@ test test-core test-parts test-slow test-all test-cluster test-cluster-all cover
 test test-core test-parts test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper pictures docs release audit lock clean
+.PHONY: help setup check-only demo examples test snapshots test-core test-parts test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick bench-table mutants replay paper pictures schemas docs release audit lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -181,6 +181,9 @@ pictures: $(READS)/.ready ## draw every picture of README and of the pages anew,
 	$(READS)/bin/python docs/site/diagrams.py docs/figures
 	$(READS)/bin/python docs/site/pictures.py docs/figures
 	$(READS)/bin/python docs/found/draw.py docs/found
+
+schemas: $(READS)/.ready ## write the JSON schemas of all files (docs/formats.md) anew, which tests compare
+	$(READS)/bin/python docs/site/schemas.py docs/schemas
 
 docs: $(DOCS)/.ready ## build the site into build/docs/site: every page, the references and the notebooks (three minutes)
 	$(BIN)/python docs/site/pages.py $(DOCS)/pages

@@ -53,8 +53,8 @@ ELSEWHERE = {
     "docs/notebooks": "notebooks/read_a_published_run.md",
 }
 
-#: Where pictures lie that pages show.
-PICTURES = ("docs/figures/", "docs/found/")
+#: Where pictures lie that pages show, and schemas.
+PICTURES = ("docs/figures/", "docs/found/", "docs/schemas/")
 
 #: Stands above a page that no search shall find: the changelog has every word of every page.
 UNSEARCHED = "---\nsearch:\n  exclude: true\n---\n\n"
@@ -77,7 +77,7 @@ PYTHON = {
 def write_pages(folder: Path) -> None:
     """Write every page below a folder, which is emptied first."""
     shutil.rmtree(folder, ignore_errors=True)
-    for pictures in ("figures", "found"):
+    for pictures in ("figures", "found", "schemas"):
         shutil.copytree(
             ROOT / "docs" / pictures, folder / pictures, ignore=shutil.ignore_patterns("*.py", "*.md", "__pycache__")
         )

@@ -1,7 +1,9 @@
 """The meaning of each setting, from the comments of the schema: those above its line, or the one behind it."""
 
 import ast
+import sys
 from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
 
 from tacevo.config import schema
@@ -9,15 +11,29 @@ from tacevo.config import schema
 
 def comments() -> dict[str, str]:
     """Return the comment of every setting of a run by its key, such as `archive.niches`."""
-    text = Path(schema.__file__).read_text(encoding="utf-8")
-    classes = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)}
-    lines, said = text.splitlines(), {"seed": "of all that the search draws"}
+    said = {"seed": "of all that the search draws"}
     for group in fields(schema.RunConfig):
         if isinstance(group.type, type) and is_dataclass(group.type):
-            for item in classes[group.type.__name__].body:
-                if isinstance(item, ast.AnnAssign):
-                    said[f"{group.name}.{ast.unparse(item.target)}"] = _said(lines, item)
+            said |= {f"{group.name}.{name}": words for name, words in comments_of(group.type).items()}
     return said
+
+
+def comments_of(record: type) -> dict[str, str]:
+    """Return the comment of every field that a class of a module itself has, by its name; empty where it has none."""
+    return _in_module(record.__module__)[record.__name__]
+
+
+@cache
+def _in_module(name: str) -> dict[str, dict[str, str]]:
+    """Return the comments in a module that was imported, by class, then by field."""
+    text = Path(str(sys.modules[name].__file__)).read_text(encoding="utf-8")
+    lines, classes = text.splitlines(), (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
+    return {
+        made.name: {
+            ast.unparse(item.target): _said(lines, item) for item in made.body if isinstance(item, ast.AnnAssign)
+        }
+        for made in classes
+    }
 
 
 def _said(lines: list[str], field: ast.AnnAssign) -> str:

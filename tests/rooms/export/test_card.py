@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from checkout import ROOT
+from jsonschema import ValidationError, validate
 from PIL import Image
 from refusals import refused
 from rendered import HOSTILE, meant, skeleton
@@ -24,7 +25,7 @@ from tacevo.data.sources.image_files import decode
 from tacevo.errors import RunError
 from tacevo.export import directory
 from tacevo.export.card import agreement, card
-from tacevo.export.contents import Exported, config_of, run_of
+from tacevo.export.contents import Exported, config_of, latency_of, run_of
 from tacevo.export.conversion import Built, Converted
 from tacevo.export.trainings import ExportSettings, Like, Trained, design
 from tacevo.parts.source import Catalogue
@@ -170,6 +171,21 @@ def test_text_of_a_stranger_is_text_in_the_card(text: str, of_forces: Exported) 
     read, expected = yaml.safe_load(head), yaml.safe_load(calm_head)
     assert read.keys() == expected.keys()
     assert (read["license"], read["tags"]) == (expected["license"], expected["tags"])
+
+
+@pytest.mark.parametrize("onnx", [True, False])
+def test_files_keep_their_schemas(onnx: bool, of_forces: Exported, of_classes: Exported) -> None:
+    """Its JSON holds what docs/formats.md says, of both kinds of tasks, with an ONNX file or without."""
+    for model in (of_forces, of_classes):
+        made = model if onnx else replace(model, onnx=None)
+        files = {"config": config_of(made), "run": run_of(made)}
+        if made.onnx is not None:
+            files["latency"] = latency_of(made, made.onnx)
+        for name, value in files.items():
+            schema = json.loads((ROOT / f"docs/schemas/export_{name}.json").read_text())
+            validate(json.loads(json.dumps(value)), schema)
+            with pytest.raises(ValidationError):
+                validate({**value, "rules": 1, "weights": 1, "threads": "x"}, schema)
 
 
 def test_what_onnx_cannot_hold_is_said_and_the_rest_is_written(of_forces: Exported) -> None:
