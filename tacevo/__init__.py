@@ -7,7 +7,7 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 #: The public names, each with its module, which is imported when the name is used: torch and pandas take seconds.
 _PLACES = {

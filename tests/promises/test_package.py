@@ -65,11 +65,15 @@ def tracked(*folders: str) -> set[str]:
 
 
 def test_version_is_the_same_wherever_it_stands() -> None:
-    """In the package, in its metadata, and in CITATION.cff, whose date is that of the version in the changelog."""
+    """In package, metadata, references and CITATION.cff, whose date is that of the version in the changelog."""
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert cited["version"] == project["version"] == __version__
+    entry = (ROOT / "docs/references.bib").read_text(encoding="utf-8").partition("@software{tacevo_software")[2]
+    written = dict(re.findall(r"^  (\w+) += \{+(.+?)\}+,?$", entry.partition("\n}")[0], re.M))
+    assert cited["version"] == project["version"] == written["version"] == __version__
+    assert (written["title"], written["date"]) == (cited["title"], str(cited["date-released"]))
+    assert written["author"] == cited["authors"][0]["name"]
     assert re.findall(r"^## (\d\S*) \((\S+)\)$", changes, re.M)[0] == (__version__, str(cited["date-released"]))
 
 
