@@ -51,10 +51,11 @@ CHECK := .venv-check
 check-only: $(CHECK)/.ready ## build what replaying, tables, figures and pages need in .venv-check: no torch, no MLflow
 
 $(CHECK)/.ready: requirements-check.lock pyproject.toml
-	@echo "Making $(CHECK): 51 packages, 0.6 GB on the disk, half a minute of a core."
+	@echo "Making $(CHECK): 51 packages, 0.6 GB on the disk, a minute of a core."
 	$(PYTHON) -m venv $(CHECK)
 	$(CHECK)/bin/python .ci/install.py --no-deps --require-hashes --requirement requirements-check.lock
 	$(CHECK)/bin/python .ci/install.py --no-deps --no-build-isolation --editable .
+	@echo "ready: source $(CHECK)/bin/activate"
 	@touch $@
 
 demo: $(READY) ## run a small search, train its best networks again with other seeds, and print what was found

@@ -274,6 +274,7 @@ def main(place: str) -> None:
     for name, draw in PICTURES.items():
         (folder / f"{name}.svg").write_bytes(render(draw(), ".svg"))
     (folder / "figures.csv").write_bytes(table())
+    print(f"written: {folder} ({len(PICTURES)} pictures, figures.csv)")
 
 
 if __name__ == "__main__":

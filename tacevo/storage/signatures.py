@@ -112,8 +112,11 @@ def _signer(text: str, signature: Path, allowed: Path) -> str | None:
 
 
 def _names(allowed: Path) -> Iterator[str]:
-    for line in allowed.read_text(encoding="utf-8", errors="replace").splitlines():
+    for number, line in enumerate(allowed.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
         first = line.split(maxsplit=1)[0] if line.strip() and not line.lstrip().startswith("#") else ""
+        if re.match(r"(ssh|ecdsa|sk-ssh|sk-ecdsa)-", first):
+            got, remedy = "a key without one", f"write a name and a space before it: ada@lab {first} ..."
+            raise ConfigError(got, place=f"{allowed}, line {number}", expected="a name and its key", remedy=remedy)
         yield from (name for name in first.split(",") if name and not re.search(r"[*?!]", name))
 
 

@@ -88,6 +88,9 @@ def test_who_asks_for_signers_accepts_no_other(bundle: Path, key: Path, capsys: 
     assert main(["replay", "run.zip", "--allowed-signers", "others"]) == 1
     assert "expected a signature by one of others; got ED25519 key SHA256:" in capsys.readouterr().err
     assert main(["replay", "run.zip", "--allowed-signers", "missing"]) == 2
+    capsys.readouterr()
+    assert main(["replay", "run.zip", "--allowed-signers", "key.pub"]) == 2
+    assert "key.pub, line 1: expected a name and its key" in capsys.readouterr().err
 
 
 def test_published_file_has_no_byte_of_the_key(folder: Path, key: Path) -> None:

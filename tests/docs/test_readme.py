@@ -95,6 +95,7 @@ def test_readme_shows_what_the_demo_prints() -> None:
     lines = [
         out.getvalue().splitlines()[-1].replace(" replayed:", trained),
         as_text(outcome).splitlines()[0],
+        f"run digest: {run.digest} (the one to cite; the digest below is that of the noise run)",
         f"digest: {noise.record.digest}",
         compared(run, folder),
     ]

@@ -163,7 +163,7 @@ class TableSource(FileSource):
     def _read(self) -> ReadTable:
         check_directory(self.root, "data.root", f"the directory of the table {self.table}")
         table = self.root / self.table
-        check_file(table, "data.table", "a table in data.root")
+        check_file(table, "data.table", "a table in the directory data.root")
         named = self._naming
         settings = listed(f"data.{name}" for name in ["image_column", *(named or ["group_column"])])
         return read_rows(
