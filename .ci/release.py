@@ -99,7 +99,8 @@ def _tried(python: str, wheel: Path) -> str:
         sys.exit(f"{python}: expected the digest of {PUBLISHED} that its page has; got {ends[1]}")
     if ends[2] != ends[3]:
         sys.exit(f"{python}: expected the demo's search and its replay to end alike; got {ends[2]} and {ends[3]}")
-    return f"- {version}: installed; {', '.join(f'`{command}`' for command in FIRST)}; the demo's {ends[2]}"
+    commands = ", ".join(f"`{command.format(published=PUBLISHED)}`" for command in FIRST)
+    return f"- {version}: installed; {commands}; the demo's {ends[2]}"
 
 
 def _image(builder: str, build: list[str | Path], asked: list[str]) -> str:
