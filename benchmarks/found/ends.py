@@ -85,7 +85,7 @@ def one_of_five() -> Estimate:
 
 def control() -> Estimate:
     """Return what the network is worth that is chosen among first mutations, without a search."""
-    return _row(CONTROL, "of_one", PLANNED)
+    return replace(_row(CONTROL, "of_one", PLANNED), unit="seeds")
 
 
 def mean_of_five() -> Estimate:

@@ -11,7 +11,7 @@ def summary() -> Iterator[Estimate]:
     """Yield the rows of the picture of all questions, each under the question's number."""
     yield _row("1", "winners, both arms / baseline", records.pooled())
     yield _row("2", "mean of five, both arms / baseline", ends.mean_of_five())
-    yield _row("2", "one chosen of five, both arms", ends.one_of_five())
+    yield _row("2", "one of five, both arms / baseline", ends.one_of_five())
     yield _row("2", "the same, the method alone", next(ends.of_arms("of_one")))
     yield _row("2", "the same, without a search", ends.control())
     yield _row("3", "Claude's proposals / grammar's", proposals.claude_or_grammar())

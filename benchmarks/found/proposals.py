@@ -174,7 +174,7 @@ def operator_drawn() -> Iterator[Estimate]:
     yield estimate("parents: elites / first mutations", parents, fixed=AFTERWARDS)
     yield children()
     gained = logs.child_of_elite - logs.child_of_mutation - parents
-    yield estimate("second ratio / first ratio", gained, fixed=AFTERWARDS)
+    yield estimate("children's ratio / parents' ratio", gained, fixed=AFTERWARDS)
     yield estimate("child of a first mutation / its parent", logs.child_of_mutation - logs.mutation, fixed=OUTCOME)
     yield estimate("child of an elite / its parent", logs.child_of_elite - logs.elite, fixed=OUTCOME)
 

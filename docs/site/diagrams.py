@@ -37,7 +37,7 @@ def checked() -> Figure:
         Box("pages", "figures, texts,\nolder tables"),
     ]
     checks = [
-        Box("nothing", "taken as recorded: no\ncommand can show\nwho wrote them", GREY),
+        Box("no command", "taken as recorded:\nnobody can show\nwho wrote them", GREY),
         Box("replay --retrain", "trains again, and\ncompares the bits", ORANGE),
         Box("replay", "computes again from\nanswers and trainings", BLUE),
         Box("replay", "computes again from\nthe predictions", BLUE),
@@ -71,7 +71,7 @@ def gate() -> Figure:
     for place, reason in reasons.items():
         _arrow(axes, (_middle(place), 1.0), (_middle(place), 0.68), VERMILLION)
         axes.text(_middle(place), 0.62, reason, ha="center", va="top", color=VERMILLION)
-    axes.text(_middle(0), 0.62, "rejected, with\nstage and reason:", ha="center", va="top", color=VERMILLION)
+    axes.text(_middle(0), 0.62, "rejected where an\narrow leads down:", ha="center", va="top", color=VERMILLION)
     return axes.get_figure()
 
 
@@ -86,7 +86,9 @@ def walls() -> Figure:
     ]
     axes = _canvas(1.6, 4)
     _row(axes, processes, 0.75, 0.75, joined=True)
-    for height, wall in enumerate(("no file, no network", "no process, no signal", "no test label")):
+    for height, wall in enumerate(
+        ("no test label; with Landlock", "and seccomp also: no file, no", "network, process or signal")
+    ):
         axes.text(_middle(3), 0.56 - 0.2 * height, wall, ha="center", va="center", color=VERMILLION)
     return axes.get_figure()
 
@@ -102,7 +104,7 @@ def question() -> Figure:
     ]
     axes = _canvas(1.9, 4)
     _row(axes, steps, 1.15, 0.75, joined=True)
-    axes.text((_middle(2) + _middle(3)) / 2, 2.0, "yes", ha="center", va="center", color=GREEN)
+    axes.text((_middle(2) + _middle(3)) / 2, 1.63, "yes", ha="center", va="center", color=GREEN)
     _box(axes, Box("model", "asked and paid once, and\nwritten before it is used", ORANGE), _middle(2) - 0.5, 0.0, 0.75)
     _arrow(axes, (_middle(2) - 0.15, 1.15), (_middle(2) - 0.15, 0.75))
     _arrow(axes, (_middle(2) + 0.15, 0.75), (_middle(2) + 0.15, 1.15))
@@ -147,8 +149,8 @@ def numerics() -> Figure:
         "fast": (True, False, False, None),
         "fast, on a GPU": (True, None, None, True),
     }
-    figure, (axes,) = new_figure("double", 1.9)
-    axes.set(xlim=(-1.2, 3.6), ylim=(3.5, -1.3))
+    figure, (axes,) = new_figure("double", 2.1)
+    axes.set(xlim=(-1.2, 3.6), ylim=(4.3, -1.3))
     axes.axis("off")
     for column, machine in enumerate(machines):
         axes.text(column, -0.9, machine, ha="center", va="center")
@@ -159,6 +161,8 @@ def numerics() -> Figure:
                 text, colour = ("equal bits", GREEN) if is_equal else ("may differ", VERMILLION)
                 axes.text(column, row, text, ha="center", va="center", color=colour)
         axes.axhline(row - 0.5, color=GREY, lw=0.5)
+    note = "under the locked versions, and but for networks that are flagged; empty: the device is another one"
+    axes.text(-1.15, len(equal) - 0.1, note, ha="left", va="center", color=GREY)
     return figure
 
 

@@ -24,9 +24,9 @@ STEPS = (
 #: What comes after the search, from right to left.
 AFTER = (
     ("study", "trains the best fully,\nwith several seeds", "scores.jsonl", BLUE),
-    ("verdict", "tests them against\nthe baseline", "tables/", GREEN),
+    ("verdict", "tests these against\nthe baseline", "tables/", GREEN),
     ("bundle", "is one file with\nall these files", "NAME.zip", GREEN),
-    ("anybody", "computes every step\nagain from the file", "tacevo replay", ORANGE),
+    ("anybody", "computes decisions\nand scores again", "tacevo replay", ORANGE),
 )
 
 _WIDTH, _HEIGHT, _STEP = 1.56, 1.06, 1.78

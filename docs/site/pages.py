@@ -81,6 +81,7 @@ def write_pages(folder: Path) -> None:
         shutil.copytree(
             ROOT / "docs" / pictures, folder / pictures, ignore=shutil.ignore_patterns("*.py", "*.md", "__pycache__")
         )
+    put(folder / "assets/phone.css", (ROOT / "docs/site/phone.css").read_text(encoding="utf-8"))
     put(folder / "assets/iframe-worker.js", (ROOT / "docs/site/worker.js").read_text(encoding="utf-8"))
     house.write(folder / "figures/house.svg")
     places = places_of_pages()
@@ -155,10 +156,21 @@ def run_notebook(notebook: Path, folder: Path, places: dict[str, str]) -> str:
                 plt.gcf().savefig(folder / picture, dpi=120, bbox_inches="tight")
                 plt.close("all")
                 parts.append(f"![the figure that this cell draws]({picture})")
+            elif (drawn := _drawn(value)) is not None:
+                name = f"{notebook.stem}_{number}.png"
+                folder.mkdir(parents=True, exist_ok=True)
+                (folder / name).write_bytes(drawn)
+                parts.append(f"![the figure that this cell draws]({name})")
             elif value is not None:
                 html = getattr(value, "_repr_html_", lambda: None)()
                 parts.append(html or f"```text\n{value!r}\n```")
     return "\n\n".join(parts) + "\n"
+
+
+def _drawn(value: object) -> bytes | None:
+    """Return the PNG that Jupyter would show of a value; None where it would show none."""
+    picture = getattr(value, "_repr_png_", lambda: None)()
+    return picture if isinstance(picture, bytes) else None
 
 
 def run_cell(text: str, space: dict[str, object]) -> tuple[str, object]:
