@@ -54,9 +54,12 @@ def main() -> None:
     tried = [_tried(python, next(DIST.glob("*.whl"))) for python in pythons]
     if all("not tried" in line for line in tried):
         sys.exit(f"expected one of {', '.join(pythons)}; got none of them: name yours by --pythons")
-    tried += [_image("docker", ["build", "--tag", f"tacevo:{VERSION}", ROOT], ["info"])]
-    tried += [_image("apptainer", ["build", "--force", PLACE / "tacevo.sif", ROOT / "tacevo.def"], ["version"])]
-    tried += [_image("conda-build", [ROOT / ".ci/conda"], ["--version"])]
+    docker = _image("docker", ["build", "--tag", f"tacevo:{VERSION}", "--tag", "tacevo:latest", ROOT], ["info"])
+    apptainer = "- apptainer: not tried, it packs the image of docker, which was not built"
+    if docker.endswith("built"):
+        apptainer = _image("apptainer", ["build", "--force", PLACE / "tacevo.sif", ROOT / "tacevo.def"], ["version"])
+    conda = _image("conda-build", ["--channel", "conda-forge", ROOT / ".ci/conda"], ["--version"])
+    tried += [docker, apptainer, conda]
     report = _report(files, tried)
     (DIST / "RELEASE.md").write_text(report, encoding="utf-8")
     print(report)
@@ -83,7 +86,10 @@ def _tried(python: str, wheel: Path) -> str:
     program = shutil.which(python)
     if program is None:
         return f"- {python}: not tried, it is not installed here"
-    version = _said([program, "--version"])
+    asked = subprocess.run([program, "--version"], capture_output=True, text=True, check=False)
+    if asked.returncode:
+        return f"- {python}: not tried, `{python} --version` fails here"
+    version = asked.stdout.strip()
     place = _environment(program, Path(python).name)
     pip = [place / "pip", "install", "--quiet", "--disable-pip-version-check"]
     _run([*pip, "--no-deps", "--require-hashes", "--requirement", ROOT / "requirements.lock"])
@@ -93,7 +99,7 @@ def _tried(python: str, wheel: Path) -> str:
     ends = []
     with tempfile.TemporaryDirectory() as folder:
         for command in FIRST:
-            name, *words = command.format(published=ROOT / "cache/published" / PUBLISHED).split()
+            name, *words = [word.format(published=ROOT / "cache/published" / PUBLISHED) for word in command.split()]
             ends.append(_said([place / name, *words], folder).splitlines()[-1])
     if ends[1].removeprefix("digest: ") not in (ROOT / "cache/published/README.md").read_text():
         sys.exit(f"{python}: expected the digest of {PUBLISHED} that its page has; got {ends[1]}")

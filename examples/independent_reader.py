@@ -108,6 +108,7 @@ def parse(text, *place):
 
 def read_lines(data, name):
     """Yield the records of a file of lines, each with its place and its text, which is the one text of the record."""
+    expect(data.endswith(b"\n"), True, name, "line break at its end")
     for number, text in enumerate(data.decode().removesuffix("\n").split("\n"), 1):
         line, place = parse(text.encode(), name, f"line {number}"), (name, f"line {number}")
         with at(*place):
@@ -146,7 +147,11 @@ def read_members(path):
 def read_store(data):
     """Read the entries of the store by kind and key, and by the hashes that a ledger has of requests and answers."""
     entries, asked, last = {}, {}, ("", "")
-    (place, header, _), *others = read_lines(lzma.decompress(data), STORE)
+    stream = lzma.LZMADecompressor(format=lzma.FORMAT_XZ)
+    with at(STORE):
+        text = stream.decompress(data)
+        expect([stream.eof, len(stream.unused_data)], [True, 0], STORE, "one xz stream, and nothing behind it")
+    (place, header, _), *others = read_lines(text, STORE)
     expect(header, {"schema": 1, "entries": len(others)}, *place)
     for place, entry, text in others:
         with at(*place):
@@ -220,7 +225,8 @@ def check_run(folder, members, store):
         for field, value in {"digest": hashes[-1], "data": header["data"], "task": header["task"]}.items():
             expect(told[field], value, names[0], field)
         for group, value in header["config"].items():  # of these, names of files and of parts are written otherwise
-            known = group in ("llm", "numerics", "parts") or is_within(value, record["config"][group])
+            said = {"kind": value} if group == "numerics" else value
+            known = group == "parts" or is_within(said, record["config"][group])
             expect(known, True, names[0], f"config.{group}, by the ledger's header")
     inside = f"{folder}candidates/"
     files = {name.removeprefix(inside): data for name, data in members.items() if name.startswith(inside)}
@@ -280,9 +286,9 @@ def check_study(folder, members, store, run, hashes):
     medians = {network: rounded(statistics.median(each)) for network, each in values.items()}
     end = folder.rpartition("/")[2]
     for table in (one for one in members if one.endswith((f"_{end}.csv", f"{end}/scores.csv")) and "/scores" in one):
-        for row in csv.DictReader(members[table].decode().splitlines()):
-            if row["network"] in medians:
-                expect(row.get("median"), str(medians[row["network"]]), table, row["network"], "median")
+        said = {row["network"]: row.get("median") for row in csv.DictReader(members[table].decode().splitlines())}
+        for network, value in medians.items():
+            expect(said.get(network), str(value), table, network, "median")
     tell(f"{name}: {len(rows)} scores as in the store; digest {chain[-1]}")
     tell(f"  medians: {', '.join(f'{network} {value:.3g}' for network, value in medians.items())}")
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from tacevo import __version__
 from tacevo.errors import TacevoError
 from tacevo.records import Json, Record
 
@@ -61,7 +62,8 @@ def versions(*more: str) -> dict[str, str]:
     known = {"python": platform.python_version()}
     for package in (*PACKAGES, *more):
         try:
-            known[package] = version(package)
+            # What is installed of a checkout says which version it had when it was installed.
+            known[package] = __version__ if package == "tacevo" else version(package)
         except PackageNotFoundError:
             known[package] = "absent"
     return known

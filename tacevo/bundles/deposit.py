@@ -4,6 +4,7 @@ The archive gives a DOI after the file is written and its digests are known, so 
 """
 
 import hashlib
+import html
 import json
 import re
 import zipfile
@@ -101,7 +102,7 @@ def _metadata(crate: Any) -> dict[str, object]:
     return {
         "upload_type": "dataset",
         "title": root["name"],
-        "description": root["description"],
+        "description": html.escape(root["description"], quote=False),  # which archives read as HTML
         "creators": [{"name": entities[each["@id"]]["name"]} for each in authors],
         "publication_date": root["datePublished"],
         "license": str(root["license"]["@id"]).rsplit("/", 1)[-1].lower(),

@@ -125,7 +125,8 @@ class Subject:
             which = f"seed {self.first.config.seed}"
         what += f" for tactile perception: task {self.first.record.task.name}, {which}, {sizes}."
         digest = f"The digest of {'the sweep' if self.jobs else 'its ledger'} is {self.digest}."
-        return " ".join([what, *answers, *data, *self.note, digest])
+        note = (words if words[-1] in ".!?:" else f"{words}." for words in self.note)
+        return " ".join([what, *answers, *data, *note, digest])
 
 
 def origin_of_answers(run: RecordedRun) -> str:

@@ -145,16 +145,15 @@ def _told(origin: Opened, done: Verified) -> list[str]:
 
 
 def _plans(origin: Opened, done: Verified, signers: Path | None) -> list[str]:
-    """Say of each plan whether it was signed; it is part of what the study or the sweep is, so it came before it."""
+    """Say of each study whether it has a plan, and who signed it; that it came first is its author's word."""
     plans = {f"study {name}": study.record.plan for run in done.runs for name, study in run.studies.items()}
     sweep = SweepDirectory(origin.folder)
     if sweep.is_one:
-        plans["the sweep"] = sweep.read().terms.plan
-    return [
-        f"plan of {what}: {describe_plan(plan, signers, BundleError)}"
-        for what, plan in plans.items()
-        if plan is not None
-    ]
+        plans = {"the sweep": sweep.read().terms.plan}  # of which each study is of one job
+    told = {what: describe_plan(plan, signers, BundleError) for what, plan in plans.items() if plan is not None}
+    if signers is not None and (unknown := [what for what, said in told.items() if "whose owner is not known" in said]):
+        raise BundleError("another signer", place=f"the plan of {unknown[0]}", expected=f"one of {signers}")
+    return [f"plan of {what}: {told.get(what, 'none')}" for what in plans]
 
 
 def _recomputed(runs: Sequence[Rerun]) -> str:
