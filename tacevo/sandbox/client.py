@@ -303,7 +303,7 @@ class Zygote:
                 remedy = (
                     f"install {lacking[1]} (docs/installation.md): an environment of make check-only trains nothing"
                 )
-                raise _StartError("an environment without it", expected=expected, remedy=remedy)
+                raise _StartError(problem, expected=expected, remedy=remedy)
             raise _StartError(problem, expected="a zygote that imports its entries and maps its arrays")
         self._errors.close()
         self._has_started = True
