@@ -235,7 +235,7 @@ def test_zygote_that_cannot_be_prepared_says_why(
     """A broken sandbox raises, with the same reason for every job; it never judges a candidate."""
     with Sandbox(entries=entries, environment={"OMP_NUM_THREADS": "1"}, arrays=arrays) as broken:
         for _ in range(2):
-            with refused(SandboxError, expected="imports its entries", got=problem):
+            with refused(SandboxError, got=problem):
                 broken.run("a", None, b"", LIMITS)
 
 
