@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from tacevo import __version__
 from tacevo.errors import TacevoError
 from tacevo.records import Json, Record
 
@@ -62,11 +61,15 @@ def versions(*more: str) -> dict[str, str]:
     known = {"python": platform.python_version()}
     for package in (*PACKAGES, *more):
         try:
-            # What is installed of a checkout says which version it had when it was installed.
-            known[package] = __version__ if package == "tacevo" else version(package)
+            known[package] = _own() if package == "tacevo" else version(package)
         except PackageNotFoundError:
             known[package] = "absent"
     return known
+
+
+def _own() -> str:
+    """Return the version of this code: an installation of a checkout says which one it had when it was installed."""
+    return str(vars(sys.modules["tacevo"])["__version__"])  # loaded with this module; importing it here points up
 
 
 def deviations(recorded: Mapping[str, Json], here: Mapping[str, Json]) -> tuple[str, ...]:
