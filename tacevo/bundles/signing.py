@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from tacevo.errors import BundleError, ConfigError
-from tacevo.storage.signatures import LONGEST, check, sign
+from tacevo.errors import BundleError
+from tacevo.storage.signatures import LONGEST, describe, sign
 
 
 def signature_of_digest(digest: str, key: Path) -> str:
@@ -25,7 +25,7 @@ def describe_signature(bundle: Path, digest: str, allowed: Path | None) -> str:
 
     Raises:
         BundleError: what lies beside it is no signature of it; or it is not signed by an allowed signer.
-        ConfigError: as `tacevo.storage.signatures.check`.
+        ConfigError: as `tacevo.storage.signatures.describe`.
     """
     place = signature_place(bundle)
     if not place.is_file():
@@ -34,17 +34,8 @@ def describe_signature(bundle: Path, digest: str, allowed: Path | None) -> str:
         return f"unsigned: no {place.name} lies beside it"
     with place.open("rb") as file:
         signature = file.read(LONGEST + 1)
-    try:
-        signed = check(_signed(digest), signature, allowed)
-    except ConfigError as error:
-        if allowed is not None:
-            raise
-        return f"signature not checked: {error}"
-    if signed is None:
-        raise BundleError("another text", place=str(place), expected=f"a signature of the bundle digest {digest}")
-    if allowed is not None and signed.signer is None:
-        raise BundleError(signed.key, place=str(place), expected=f"a signature by one of {allowed}")
-    return f"signed by {signed.described}"
+    expected = f"a signature of the bundle digest {digest}"
+    return describe(_signed(digest), signature, allowed, place=str(place), expected=expected, error=BundleError)
 
 
 def signature_place(bundle: Path) -> Path:

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Lt
 from tacevo.errors import ConfigError, TacevoError
 from tacevo.records import Record, to_json
 from tacevo.storage.canonical import readable
-from tacevo.storage.signatures import check, sign
+from tacevo.storage.signatures import describe, sign
 from tacevo.typed import parse
 
 
@@ -89,23 +89,18 @@ def signed_plan(plan: SeedPlan, key: Path) -> SeedPlan:
 
 
 def describe_plan(plan: SeedPlan, allowed: Path | None, error: type[TacevoError]) -> str:
-    """Say in a line when a plan was made, and who signed it; `allowed` is as of `tacevo.storage.signatures.check`.
-
-    Raises:
-        TacevoError: of the class `error`: its signature is none of it.
-        ConfigError: there is no such file of allowed signers.
-    """
+    """Say in a line when a plan was made, and who signed it; arguments and errors are as of `describe`."""
     if not plan.signature:
         return f"{plan.dated}; unsigned"
-    try:
-        signed = check(_unsigned(plan), plan.signature.encode(), allowed)
-    except ConfigError as problem:
-        if allowed is not None:
-            raise
-        return f"{plan.dated}; signature not checked: {problem}"
-    if signed is None:
-        raise error("a signature of another text", place="plan", expected="a plan as it was signed")
-    return f"{plan.dated}; signed by {signed.described}"
+    told = describe(
+        _unsigned(plan),
+        plan.signature.encode(),
+        allowed,
+        place="plan",
+        expected="a plan as it was signed",
+        error=error,
+    )
+    return f"{plan.dated}; {told}"
 
 
 def _unsigned(plan: SeedPlan) -> str:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacevo.errors import ConfigError
+from tacevo.errors import ConfigError, TacevoError
 from tacevo.text import printable
 
 #: What the signatures are for; one that was made for another use is none.
@@ -59,15 +59,45 @@ def checked_key(key: Path) -> Path:
 
 
 def sign(text: str, key: Path) -> str:
-    """Sign a text with the private key of a file, or with that of an agent where the file is a public key.
+    """Sign a text with a key that `checked_key` returned: the private one of its file, or of an agent for a public one.
 
     Raises:
-        ConfigError: as `checked_key`, or the key cannot sign.
+        ConfigError: the key cannot sign, or OpenSSH is not installed.
     """
-    done = _run(["-Y", "sign", "-f", str(checked_key(key)), "-n", NAMESPACE], text)
+    done = _run(["-Y", "sign", "-f", str(key), "-n", NAMESPACE], text)
     if done.returncode:
         raise ConfigError(f"{key}: {_said(done)}", place="--sign", expected="a key that can sign")
     return done.stdout.decode()
+
+
+def describe(
+    text: str, signature: bytes, allowed: Path | None, *, place: str, expected: str, error: type[TacevoError]
+) -> str:
+    """Say in a line who signed a text, or that this machine cannot check it.
+
+    Args:
+        text: as of `check`.
+        signature: as of `check`.
+        allowed: as of `check`; the text must then be signed by one of them.
+        place: where the signature stands, for errors.
+        expected: what should stand there, for errors.
+        error: the class of the error.
+
+    Raises:
+        TacevoError: of the class `error`: it is no signature of the text, or not one by an allowed signer.
+        ConfigError: as `check`, where there are allowed signers.
+    """
+    try:
+        signed = check(text, signature, allowed)
+    except ConfigError as problem:
+        if allowed is not None:
+            raise
+        return f"signature not checked: {problem}"
+    if signed is None:
+        raise error("a signature of another text", place=place, expected=expected)
+    if allowed is not None and signed.signer is None:
+        raise error(signed.key, place=place, expected=f"a signature by one of {allowed}")
+    return f"signed by {signed.described}"
 
 
 def check(text: str, signature: bytes, allowed: Path | None) -> Signed | None:

@@ -164,6 +164,11 @@ def test_signed_plan_stays_signed_in_what_follows_it(
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("plan of study")]
     assert ["; signed by ada@lab (ED25519" in line for line in lines].count(True) == 1
     assert [line.endswith(": none") for line in lines].count(True) == len(lines) - 1
+    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", "other"], check=True)
+    Path("others").write_text(f"eve@lab {Path('other.pub').read_text()}")
+    sign_bundle(Path("run.zip"), digest_of(Path("run.zip")), Path("other"))
+    assert main(["replay", "run.zip", "--allowed-signers", "others"]) == 1
+    assert "plan: expected a signature by one of others" in capsys.readouterr().err
     plan.write_text(json.dumps(json.loads(plan.read_text()) | {"seeds": 99}))
     assert main(["study", "run=run", "elites=1", "seeds=2", "epochs=1", f"plan={plan}"]) == 2
     assert "plan: expected a plan as it was signed; got a signature of another text" in capsys.readouterr().err
