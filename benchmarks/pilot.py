@@ -122,12 +122,14 @@ def trained(name: str, networks: int) -> dict[str, Any]:
             rows[row] = network_of(gate.inspect(source), genome, source)
         seeds = [training_seed(config.seed, number) for number in range(SEEDS)]
         trainings = train_rows(bench, seeds, rows, data, view)
-    losses = dict.fromkeys(("test", "fitness", "best_epoch"), [[None] * SEEDS for _ in rows])
-    losses = {kind: [list(row) for row in values] for kind, values in losses.items()}
+    losses: dict[str, list[list[Any]]] = {
+        kind: [[None] * SEEDS for _ in rows] for kind in ("test", "fitness", "best_epoch")
+    }
     for one in trainings:
         if isinstance(one.full, FullTraining):
             curve = one.full.training.validation_losses
-            found = (one.full.metrics[task.loss], min(curve), int(np.argmin(curve)) + 1)
+            (loss,) = {"cross_entropy", "mse"} & {*one.full.metrics}
+            found = (one.full.metrics[loss], min(curve), int(np.argmin(curve)) + 1)
             for kind, value in zip(losses, found, strict=True):
                 losses[kind][one.network][one.seed] = value
     return {"epochs": config.training.epochs, "genomes": genomes, **losses}

@@ -30,7 +30,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.stats import norm
@@ -92,6 +92,11 @@ class Handed(NamedTuple):
     network: int
     #: Row of the recorded seed that chose it.
     seed: int
+
+    @property
+    def seen(self) -> tuple[int, ...]:
+        """The recorded seeds that do not judge it."""
+        return (self.seed,)
 
 
 class Way(NamedTuple):
@@ -286,6 +291,20 @@ def _grammar(header: Header, seed: int, unread: list[str]) -> Callable[[str], st
     return answer_to
 
 
+class Judgeable(Protocol):
+    """A network, and the recorded seeds by which somebody chose it."""
+
+    @property
+    def network(self) -> int:
+        """Its row."""
+        ...
+
+    @property
+    def seen(self) -> tuple[int, ...]:
+        """Rows of the seeds; at least one recorded seed is left."""
+        ...
+
+
 class Mean(NamedTuple):
     """A mean of logarithms, its standard error, and what it is of."""
 
@@ -295,7 +314,7 @@ class Mean(NamedTuple):
     networks: int
 
 
-def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = ()) -> Mean:
+def mean(space: Space, handed: Sequence[Judgeable], against: Sequence[Judgeable] = ()) -> Mean:
     """Return the mean log test loss of what searches handed over, less that of others.
 
     Its error is of the searches, and of the training seeds that judge, those of `SpaceTable.unseen_loss`: searches
@@ -308,14 +327,14 @@ def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = ())
     for sign, group in ((1, handed), (-1, against)):
         if not group:
             continue
-        losses = [space.opened.unseen_loss(one.network, seen=[one.seed]) for one in group]
+        losses = [space.opened.unseen_loss(one.network, seen=one.seen) for one in group]
         value += sign * float(np.mean(losses))
         variance += float(np.var(losses, ddof=1)) / len(losses)
         for one in group:
             if one.network in fresh:
                 left = [*range(len(fresh[one.network]))]
             else:
-                left = [seed for seed in range(space.tests.shape[1]) if seed != one.seed]
+                left = [seed for seed in range(space.tests.shape[1]) if seed not in one.seen]
             for seed in left:
                 cells[one.network, seed] += sign / len(left) / len(group)  # type: ignore[assignment]
     networks = sorted({network for network, _ in cells})

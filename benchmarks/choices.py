@@ -1,0 +1,184 @@
+"""Which of the networks that it trained should a search hand over? Better choices, tried among draws on the table.
+
+    python -m benchmarks.choices
+
+The fittest network of many is partly lucky. Three remedies are tried, each at equal epochs of training: a longer
+training of the promising (halving), a second seed for them (racing), and an estimate that shrinks each fitness towards
+what a model expects of such networks. The model is that of the search itself (`tacevo.evolution.surrogate`), a ridge
+over what the probe measures; or one of the genes, which a user has in a closed space alone. Last, a search that draws
+the next network by a random sample of such a model (Thompson 1933), the bar for any way that knows the genes.
+
+Every way draws networks of the table, none twice. The judges have not chosen (`benchmarks.reach.mean`). The plan says
+which comparison was fixed before the table's judge was looked at. Ten minutes of a core.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import norm
+from sklearn.linear_model import BayesianRidge
+
+from benchmarks.reach import Judgeable, Mean, Space, mean
+from tacevo.evolution.surrogate import features, fit
+from tacevo.randomness import stream
+from tacevo.results.space_table import read_table
+
+#: Epochs of training after which a network is handed over, and the searches of each.
+BUDGETS, SEARCHES = (50, 100, 200, 400), 400
+
+#: Networks that a sampled model has to begin with.
+FIRST = 5
+
+#: Of what racing spends, the part that goes to second seeds.
+RACED = 0.25
+
+#: Halving keeps one of so many after each of these numbers of epochs but the last.
+KEPT, LEVELS = 3, (5, 10, 20)
+
+
+class Chosen(NamedTuple):
+    """A network that is handed over, with the recorded seeds that have chosen it."""
+
+    network: int
+    seen: tuple[int, ...]
+
+
+class Drawn:
+    """The luck of one search: the order in which it draws networks, and the seeds of each in the order of their use."""
+
+    def __init__(self, space: Space, seed: int) -> None:
+        self.rng = stream(seed, "choices")
+        #: Rows of networks with genes.
+        self.order = 1 + self.rng.permutation(len(space.rows) - 1)
+        self.seeds = np.array([self.rng.permutation(space.tests.shape[1]) for _ in space.rows])
+
+    def first(self, row: int) -> Chosen:
+        """Hand over a network of which one training was seen."""
+        return Chosen(row, (int(self.seeds[row, 0]),))
+
+
+#: What a way hands over that may train for so many epochs.
+Way = Callable[[Drawn, int], Chosen]
+
+
+class Choices:
+    """The ways, of one table."""
+
+    def __init__(self, space: Space) -> None:
+        self.logs = np.log(space.lowest)
+        self.features = [None if one.profile is None else features(one.profile) for one in space.table.networks]
+        genes = pd.DataFrame([one.genome for one in space.table.networks[1:]])
+        indicators = pd.get_dummies(genes.astype(str), drop_first=True, dtype=float).to_numpy()
+        #: A row a network, the baseline's file with none of the values; standardised to a mean of 0.
+        self.genes = np.vstack([np.zeros(indicators.shape[1]), indicators - indicators.mean(axis=0)])
+
+    def ways(self) -> Mapping[str, Way]:
+        """Return every way, by its name; the first is what the others are set beside."""
+        ways: dict[str, Way] = {}
+        for epochs in (5, 3, 10):
+            ways |= {
+                f"the fittest, {epochs} epochs": self._by(epochs, self._fittest),
+                f"the lowest estimate of the search's model, {epochs} epochs": self._by(epochs, self._expected),
+                f"the lowest estimate of a model of the genes, {epochs} epochs": self._by(epochs, self._by_genes),
+                f"a quarter for second seeds, {epochs} epochs": self._raced(epochs),
+            }
+        return ways | {
+            f"halving after {', '.join(map(str, LEVELS[:-1]))} of {LEVELS[-1]} epochs": self._halved,
+            "any network of the space, by a model of the genes, 5 epochs": self._by(5, self._anywhere),
+            "a sampled model of the genes draws, 5 epochs": self._sampled,
+        }
+
+    def _fitness(self, drawn: Drawn, rows: NDArray[np.intp], epochs: int, use: int = 0) -> NDArray[np.float64]:
+        """Return the logarithm of the lowest loss of so many epochs by the first or second seed of each network."""
+        return np.asarray(self.logs[rows, drawn.seeds[rows, use], epochs - 1])
+
+    def _by(self, epochs: int, choose: Callable[[NDArray[np.intp], NDArray[np.float64]], int]) -> Way:
+        def way(drawn: Drawn, budget: int) -> Chosen:
+            rows = drawn.order[: budget // epochs]
+            return drawn.first(choose(rows, self._fitness(drawn, rows, epochs)))
+
+        return way
+
+    @staticmethod
+    def _fittest(rows: NDArray[np.intp], fitness: NDArray[np.float64]) -> int:
+        return int(rows[fitness.argmin()])
+
+    def _expected(self, rows: NDArray[np.intp], fitness: NDArray[np.float64]) -> int:
+        known = [self.features[row] or {} for row in rows.tolist()]
+        surrogate = fit([(each, math.exp(one)) for each, one in zip(known, fitness.tolist(), strict=True)])
+        return int(rows[np.argmin([surrogate.predict(each) for each in known])])
+
+    def _by_genes(self, rows: NDArray[np.intp], fitness: NDArray[np.float64]) -> int:
+        model = BayesianRidge().fit(self.genes[rows], fitness)
+        return int(rows[model.predict(self.genes[rows]).argmin()])
+
+    def _anywhere(self, rows: NDArray[np.intp], fitness: NDArray[np.float64]) -> int:
+        return 1 + int(BayesianRidge().fit(self.genes[rows], fitness).predict(self.genes[1:]).argmin())
+
+    def _raced(self, epochs: int) -> Way:
+        def way(drawn: Drawn, budget: int) -> Chosen:
+            trainings = budget // epochs
+            again = max(1, int(RACED * trainings))
+            rows = drawn.order[: trainings - again]
+            fitness = self._fitness(drawn, rows, epochs)
+            best = np.argsort(fitness, kind="stable")[:again]
+            both = fitness[best] + self._fitness(drawn, rows[best], epochs, 1)
+            row = int(rows[best[both.argmin()]])
+            return Chosen(row, tuple(drawn.seeds[row, :2].tolist()))
+
+        return way
+
+    def _halved(self, drawn: Drawn, budget: int) -> Chosen:
+        """Train all for the first number of epochs, and go on with the best of them; epochs are not paid twice."""
+        price = sum((level - before) / KEPT**step for step, (before, level) in enumerate(_steps()))
+        rows = drawn.order[: max(1, int(budget / price))]
+        for level in LEVELS:
+            rows = rows[np.argsort(self._fitness(drawn, rows, level), kind="stable")]
+            rows = rows[: 1 if level == LEVELS[-1] else max(1, len(rows) // KEPT)]
+        return drawn.first(int(rows[0]))
+
+    def _sampled(self, drawn: Drawn, budget: int, epochs: int = 5) -> Chosen:
+        trained = drawn.order[:FIRST].tolist()
+        for _ in range(budget // epochs - FIRST):
+            rows = np.array(trained)
+            model = BayesianRidge().fit(self.genes[rows], self._fitness(drawn, rows, epochs))
+            weights = drawn.rng.multivariate_normal(model.coef_, model.sigma_, method="cholesky")
+            promised = self.genes @ weights
+            promised[[0, *trained]] = np.inf
+            trained.append(int(promised.argmin()))
+        rows = np.array(trained)
+        return drawn.first(self._by_genes(rows, self._fitness(drawn, rows, epochs)))
+
+
+def _steps() -> Sequence[tuple[int, int]]:
+    return list(zip((0, *LEVELS[:-1]), LEVELS, strict=True))
+
+
+def written(one: Mean) -> str:
+    """Write a geometric mean, or a ratio of two, with its 95 % interval."""
+    width = float(norm.ppf(0.975)) * one.error
+    return "{:.3f} [{:.3f}, {:.3f}]".format(*(math.exp(one.value + by) for by in (0, -width, width)))
+
+
+def main() -> None:
+    """Print what each way hands over, each at half of the epochs beside the first at all, and how often."""
+    space = Space(read_table(Path("cache/tables/grating-space.zip")))
+    ways = Choices(space).ways()
+    print(f"| way | {' | '.join(f'{budget} epochs' for budget in BUDGETS)} | beside the fittest of twice the epochs |")
+    print(f"|{'---|' * (len(BUDGETS) + 2)}", flush=True)
+    reference: Sequence[Judgeable] = ()
+    for name, way in ways.items():
+        handed = [[way(Drawn(space, seed), budget) for seed in range(SEARCHES)] for budget in BUDGETS]
+        reference = reference or handed[-1]
+        figures = [written(mean(space, each)) for each in handed]
+        half = written(mean(space, handed[-2], reference))
+        print(f"| {name} | {' | '.join(figures)} | {half} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
