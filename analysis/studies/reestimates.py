@@ -159,7 +159,7 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
             expected = f"one of {', '.join(FITNESS.ours)}: what another is after fewer epochs was not recorded"
             raise RunError(name, place=f"training.fitness of {finished.path.name}", expected=expected)
         rule = of_settings(FITNESS, name, config.training)
-        curves = [_losses(store, row) for row in ordered]
+        curves = [losses_of(store, row) for row in ordered]
         so_far = [[rule.of(losses[:epoch]) for epoch in range(1, len(losses) + 1)] for losses in curves]
         by_epoch = np.array(so_far).reshape(*shape, -1)
         fitness = by_epoch[:, :, epochs - 1]
@@ -195,7 +195,14 @@ def _tested(header: StudyHeader, rows: Sequence[ScoreLine]) -> NDArray[np.float6
     return np.array([row.metrics[metric] for row in rows]) * (1 if LOWER_IS_BETTER[metric] else -1)
 
 
-def _losses(store: Path, row: ScoreLine) -> tuple[float, ...]:
+def losses_of(store: Path, row: ScoreLine) -> tuple[float, ...]:
+    """Return the validation loss of each epoch of a study's training, from the stores.
+
+    Raises:
+        CacheMissError: they lack it.
+        StoreError: its entry is damaged.
+        RunError: it is a failure, which the score denies.
+    """
     path = store / place_of("studies", row.evaluation)
     if not path.exists():
         raise CacheMissError(
