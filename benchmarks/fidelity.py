@@ -133,7 +133,9 @@ def main() -> None:
     print(f"|{'---|' * (1 + 2 * len(groups))}")
     found = [with_interval(blocks, taus) for blocks in groups.values()]
     for row, epochs in enumerate(EPOCHS):
-        cells = ["{:.2f} [{:.2f}, {:.2f}]".format(*(part[row, rule] for part in one)) for one in found for rule in (0, 1)]
+        cells = [
+            "{:.2f} [{:.2f}, {:.2f}]".format(*(part[row, rule] for part in one)) for one in found for rule in (0, 1)
+        ]
         print(f"| {epochs} | {' | '.join(cells)} |")
     print(f"\n| {SPENT} epochs | {' | '.join(f'{name} | beside the first row' for name in groups)} |")
     print(f"|{'---|' * (1 + 2 * len(groups))}")

@@ -223,7 +223,7 @@ def row_of(name: str, pilot: Pilot) -> str:
 
 def rows(found: Mapping[str, Any]) -> Iterator[str]:
     """Yield the table of all pilots."""
-    yield "| pilot | networks | two genes | ICC: best quarter | all | as good | draws gain | late | SD: networks, seeds |"
+    yield "| pilot | networks | two genes | ICC: best quarter | all | as good | draws gain | late | SD: network, seed |"
     yield f"|{'---|' * 9}"
     for name, one in found.items():
         yield row_of(name, pilot_of(one))

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 import tacevo
 from analysis.figures.style import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, YELLOW, house_style, new_figure, render
+from benchmarks import fidelity
 
 ROOT = Path(__file__).parents[2]
 
@@ -30,6 +31,12 @@ NUMERICS = (
     ("portable512", "equal bits on every CPU with AVX-512", SKY),
     ("fast", "equal bits on this machine", YELLOW),
 )
+
+#: The groups of networks of `benchmarks.fidelity`, in words.
+MEANT = {
+    "first mutations": "40 first mutations: nobody had chosen them",
+    "elites": "80 elites: ten epochs had chosen them",
+}
 
 #: Figures of published files, by the names that `tacevo figures` and `tacevo ablations` give them.
 PUBLISHED = {
@@ -86,6 +93,26 @@ def luck() -> Figure:
     return figure
 
 
+@house_style()
+def ranking() -> Figure:
+    """Draw how well the fitness after each number of epochs ranks the ends of 70, among two groups of networks."""
+    figure, (axes,) = new_figure("double", 2.6)
+    for (name, place), colour, shift in zip(fidelity.GROUPS.items(), (BLUE, ORANGE), (0.97, 1.03), strict=True):
+        tau, low, high = (part[:, 0] for part in fidelity.with_interval(fidelity.blocks_of(place), fidelity.taus))
+        epochs = [shift * epoch for epoch in fidelity.EPOCHS]
+        bars = (tau - low, high - tau)
+        axes.errorbar(epochs, tau, bars, fmt="o-", color=colour, ms=4, lw=1, elinewidth=0.7, label=MEANT[name])
+    axes.axhline(0, color=GREY, lw=0.8)
+    axes.set(xscale="log", xticks=fidelity.EPOCHS, xticklabels=fidelity.EPOCHS, ylim=(-0.15, 0.65))
+    axes.minorticks_off()
+    axes.set(
+        xlabel="epochs of the fitness (the lowest loss so far)",
+        ylabel="Kendall's tau with the other\nseed's end (1: the same order)",
+    )
+    axes.legend(loc="upper left")
+    return figure
+
+
 #: Each file is opened once.
 opened = cache(tacevo.open)
 
@@ -98,6 +125,7 @@ def published(bundle: str, name: str) -> Figure:
 PICTURES: dict[str, Callable[[], Figure]] = {
     "speed": speed,
     "luck": luck,
+    "ranking": ranking,
     **{name: partial(published, bundle, name) for bundle, names in PUBLISHED.items() for name in names},
 }
 
