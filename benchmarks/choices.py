@@ -12,6 +12,7 @@ Every way draws networks of the table, none twice. The judges have not chosen (`
 which comparison was fixed before the table's judge was looked at. Ten minutes of a core.
 """
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -23,13 +24,23 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from sklearn.linear_model import BayesianRidge
 
+import tacevo
+from analysis.statistics.effects import mean_with_interval
+from benchmarks.handed_over import against_baseline
+from benchmarks.pilot import RESULTS as PILOTS
+from benchmarks.pilot import Pilot, pilot_of
 from benchmarks.reach import Judgeable, Mean, Space, mean
 from tacevo.evolution.surrogate import features, fit
 from tacevo.randomness import stream
 from tacevo.results.space_table import read_table
+from tacevo.runs.profiles import recall_profiles
+from tacevo.storage.sweep_directory import SweepDirectory
 
 #: Epochs of training after which a network is handed over, and the searches of each.
 BUDGETS, SEARCHES = (50, 100, 200, 400), 400
+
+#: Draws of half of the networks of a pilot; and the published searches whose elites were trained to the end.
+PILOT_DRAWS, SEARCHED = 400, "cache/published/ablation-elites.zip"
 
 #: Networks that a sampled model has to begin with.
 FIRST = 5
@@ -165,8 +176,63 @@ def written(one: Mean) -> str:
     return "{:.3f} [{:.3f}, {:.3f}]".format(*(math.exp(one.value + by) for by in (0, -width, width)))
 
 
+def by_model(networks: Sequence[Mapping[str, float]], fitness: Sequence[float]) -> list[float]:
+    """Return the logarithm of the fitness that the search's model, fitted to all of them, expects of each network."""
+    surrogate = fit(list(zip(networks, fitness, strict=True)))
+    return [surrogate.predict(one) for one in networks]
+
+
+def in_pilot(pilot: Pilot) -> float:
+    """Return the log ratio of what is handed over by the model's estimate and by fitness alone, among draws.
+
+    The model sees which value each gene has. One seed chooses and the other judges, both ways.
+    """
+    rng, found = stream(0, "choices"), []
+    indicators = [{f"{gene} {value}": 1.0 for gene, value in row.items()} for row in pilot.genes.to_dict("records")]
+    for draw in range(PILOT_DRAWS):
+        seed, drawn = draw % pilot.tests.shape[1], rng.permutation(len(indicators))[: len(indicators) // 2]
+        fitness, ends = pilot.fitness[drawn, seed], np.delete(pilot.tests[drawn], seed, axis=1).mean(axis=1)
+        estimates = by_model([indicators[row] for row in drawn.tolist()], fitness.tolist())
+        found.append(ends[int(np.argmin(estimates))] - ends[int(fitness.argmin())])
+    return float(np.mean(found))
+
+
+def in_searches(place: str) -> list[float]:
+    """Return the same ratio of a sweep's searches, among the elites that a study trained to the end; a value a seed.
+
+    The model is fitted to all that a search trained. Neither choice has seen a seed of the study, so all judge.
+    """
+    sweep, found = tacevo.open(place), dict[int, list[float]]()
+    assert isinstance(sweep, tacevo.Sweep)
+    for job in SweepDirectory(sweep.place.folder).read().jobs:
+        run = sweep.run(job.name)
+        profiles = recall_profiles(run.recorded)
+        fitness = run.candidates["fitness"].dropna()
+        trained = [name for name in fitness.index if name in profiles]
+        estimates = by_model([features(profiles[name]) for name in trained], fitness[trained].to_list())
+        expected = pd.Series(estimates, index=trained)
+        for study in run.studies:
+            if not study.is_noise and not study.is_choice:
+                names = study.networks["id"].drop("baseline")
+                worth = against_baseline(study.scores).mean()
+                by_estimate, by_fitness = (
+                    worth[each[names].set_axis(names.index).idxmin()] for each in (expected, fitness)
+                )
+                found.setdefault(job.seed, []).append(by_estimate - by_fitness)
+    return [float(np.mean(each)) for each in found.values()]
+
+
+def _ratio(logs: Sequence[float]) -> str:
+    """Write a geometric mean with its 95 % interval (Student's)."""
+    return "{:.2f} [{:.2f}, {:.2f}]".format(*map(math.exp, mean_with_interval(logs)))
+
+
 def main() -> None:
-    """Print what each way hands over, each at half of the epochs beside the first at all, and how often."""
+    """Print the choice in the pilots and in real searches, then each way on the table, and beside the first."""
+    pilots = [in_pilot(pilot_of(one)) for one in json.loads(PILOTS.read_text(encoding="utf-8")).values()]
+    print(f"by the model's estimate, of the loss by fitness: {_ratio(pilots)} in {len(pilots)} pilots")
+    searches = in_searches(SEARCHED)
+    print(f"the same in real searches, a value a seed: {_ratio(searches)}, {len(searches)} seeds\n", flush=True)
     space = Space(read_table(Path("cache/tables/grating-space.zip")))
     ways = Choices(space).ways()
     print(f"| way | {' | '.join(f'{budget} epochs' for budget in BUDGETS)} | beside the fittest of twice the epochs |")

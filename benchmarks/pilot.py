@@ -172,12 +172,22 @@ def best_quarter(pilot: Pilot) -> NDArray[np.intp]:
     return np.argsort(expected, kind="stable")[: len(expected) // 4]
 
 
-def shrunken(pilot: Pilot) -> NDArray[np.float64]:
-    """Return each network's mean log test loss, moved towards the mean of all by the part that is seeds'."""
-    means = pilot.tests.mean(axis=1)
-    between, within = deviations(pilot.tests)
-    part = between**2 / (between**2 + within**2 / SEEDS)
-    return np.asarray(means.mean() + part * (means - means.mean()))
+def shrunken(tests: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean of each network, moved to the mean of all by the part that is seeds'; of values of shape (n, S)."""
+    means = tests.mean(axis=1)
+    return np.asarray(means.mean() + reliability(tests) * (means - means.mean()))
+
+
+def reliability(tests: NDArray[np.float64]) -> float:
+    """Return the part of the variance of networks' means that is networks', of values of shape (n, S)."""
+    between, within = deviations(tests)
+    return between**2 / (between**2 + within**2 / tests.shape[1])
+
+
+def near(tests: NDArray[np.float64]) -> int:
+    """Return how many networks are as good as the best, by shrunken means of log losses of shape (n, S)."""
+    levels = shrunken(tests)
+    return int((levels <= levels.min() + np.log(AS_GOOD)).sum())
 
 
 def deviations(tests: NDArray[np.float64]) -> tuple[float, float]:
@@ -205,20 +215,19 @@ def row_of(name: str, pilot: Pilot) -> str:
     """Lay out what a pilot says of the five, and the deviations; of a small one of fewer draws."""
     explained, pair = strongest(pilot)
     quarter, whole = icc(np.exp(pilot.tests[best_quarter(pilot)])), icc(np.exp(pilot.tests))
-    levels = shrunken(pilot)
-    near = float((levels <= levels.min() + np.log(AS_GOOD)).mean())
-    few, many = DRAWN if len(levels) >= DRAWN[1] else (len(levels) // 4, len(levels))
+    networks = len(pilot.tests)
+    few, many = DRAWN if networks >= DRAWN[1] else (networks // 4, networks)
     iccs = [f"{one.estimate:.2f} [{one.low:.2f}, {one.high:.2f}]" if one else "" for one in (quarter, whole)]
     between, within = deviations(pilot.tests)
     figures = [
         f"{explained:.2f} ({pair})",
         *iccs,
-        f"{near:.0%}",
+        f"{near(pilot.tests) / networks:.0%}",
         f"{gained(pilot, few, many):.0%} ({few} to {many})",
         f"{pilot.late:.0%}",
         f"{between:.2f}, {within:.2f}",
     ]
-    return f"| {name} | {len(levels)} | {' | '.join(figures)} |"
+    return f"| {name} | {networks} | {' | '.join(figures)} |"
 
 
 def rows(found: Mapping[str, Any]) -> Iterator[str]:

@@ -117,8 +117,10 @@ class Space:
             [table.verdicts[row, seed] for seed in range(len(table.header.seeds))] for row in range(len(table.networks))
         ]
         sound = [[one for one in seeds if isinstance(one, FullTraining)] for seeds in full]
-        #: The lowest validation loss, by network, seed, and number of epochs less one; no training may have failed.
-        self.lowest = np.minimum.accumulate([[one.training.validation_losses for one in row] for row in sound], axis=2)
+        #: The validation loss, by network, seed, and number of epochs less one; no training may have failed.
+        self.losses = np.array([[one.training.validation_losses for one in row] for row in sound])
+        #: The lowest so far.
+        self.lowest = np.minimum.accumulate(self.losses, axis=2)
         #: The test loss, by network and seed.
         self.tests = np.array([[one.metrics["cross_entropy"] for one in row] for row in sound])
         self.rows = {network.sha256: row for row, network in enumerate(table.networks)}

@@ -5,17 +5,20 @@
 No network is judged by a seed that chose it (`analysis.statistics.spaces`). A minute of a core.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.statistics.seed_noise import icc
-from analysis.statistics.spaces import best_unseen_loss
+from analysis.statistics.seed_noise import agreement, icc
+from analysis.statistics.spaces import best_unseen_loss, worth_by_epochs
+from analysis.table import Interval
+from benchmarks.pilot import deviations, near, reliability
 from benchmarks.reach import Space, at_random, handed_over, mean
 from tacevo.results.gene_model import put_first
+from tacevo.results.judged_loss import fresh_losses, mean_log_loss
 from tacevo.results.space_table import read_table
 
 #: The two genes that matter, with their better values.
@@ -29,16 +32,54 @@ DRAWN, REPEATS = (5, 9, 20, 40, 60, 100), 2000
 
 
 def worths(space: Space) -> Iterator[str]:
-    """Yield the rows of ICC and tau: whole space, and the quarter with both good values."""
-    whole, good = (frame.set_index(["epochs", "rule"]) for frame in (space.opened.worth, space.opened.worth_of(**GOOD)))
+    """Yield the rows of ICC and tau by recorded seeds: whole space, and the quarter with both good values."""
+    groups = [np.arange(len(space.tests)), good_of(space)]
+    frames = [worth_by_epochs(space.losses[rows], space.tests[rows]) for rows in groups]
+    yield from rows_of([frame for frame in frames if frame is not None])
+
+
+def judged(space: Space) -> Iterator[str]:
+    """Yield what the fresh seeds of the table's judge say of its networks: their level, their noise, ICC and tau."""
+    fresh = fresh_losses(space.table)
+    if not fresh:
+        yield "the table has no judge"
+        return
+    tests = np.array([*fresh.values()])
+    between, within = deviations(np.log(tests))
+    seeds, means, best = tests.shape[1], np.log(tests).mean(axis=1), best_unseen_loss(tests)
+    yield f"{len(tests)} networks, {seeds} fresh seeds each: geometric mean {np.exp(means.mean()):.3f}"
+    yield f"deviation between networks {between:.2f}, between seeds {within:.2f}"
+    yield f"ICC of a test loss {interval(icc(tests))}"
+    yield f"reliability of a mean of {seeds} seeds {reliability(np.log(tests)):.2f}"
+    recorded = [mean_log_loss(space.tests[row].tolist()) for row in fresh]
+    yield f"tau of that mean with the mean of the recorded seeds {agreement(recorded, means):.2f}"
+    yield f"best by all seeds but one, judged by that one: {np.exp(best):.3f}"
+    yield f"within 10 % of the best, by means shrunk to that of all: {near(np.log(tests))}"
+    yield from rows_of([space.opened.worth])
+
+
+def rows_of(worths: Sequence[pd.DataFrame]) -> Iterator[str]:
+    """Yield a row for each number of epochs: ICC and then tau, each by `last` and `lowest`, of each frame."""
+    frames = [frame.set_index(["epochs", "rule"]) for frame in worths]
     for epochs in EPOCHS:
         shown = [
             f"{frame.loc[(epochs, rule), value]:.2f}"
             for value in ("icc", "one_seed")
             for rule in ("last", "lowest")
-            for frame in (whole, good)
+            for frame in frames
         ]
         yield f"| {epochs} | {' | '.join(shown)} |"
+
+
+def good_of(space: Space) -> NDArray[np.intp]:
+    """Return the rows of the networks with both good values."""
+    networks = space.opened.networks
+    return np.flatnonzero(np.all([networks[gene] == value for gene, value in GOOD.items()], axis=0))
+
+
+def interval(one: Interval | None) -> str:
+    """Write an estimate with its interval."""
+    return "not known" if one is None else f"{one.estimate:.2f} [{one.low:.2f}, {one.high:.2f}]"
 
 
 def explained(logs: NDArray[np.float64], groups: pd.Series) -> float:
@@ -55,7 +96,7 @@ def figures(space: Space) -> Iterator[str]:
     yield f"two genes explain {explained(means[genes], cells[genes]):.2f} of the variance of the mean log test loss"
     levels = pd.Series(means[genes]).groupby(cells[genes].to_numpy()).mean()
     yield "geometric mean test loss: " + ", ".join(f"{name} {np.exp(level):.3f}" for name, level in levels.items())
-    good = np.flatnonzero([all(networks[gene][row] == value for gene, value in GOOD.items()) for row in networks.index])
+    good = good_of(space)
     order = np.argsort(means)
     hold = [f"{np.isin(order[:best], good).sum()} of the best {best}" for best in (8, 38)]
     yield f"the {len(good)} networks with both hold {' and '.join(hold)}"
@@ -63,10 +104,9 @@ def figures(space: Space) -> Iterator[str]:
     assert whole is not None
     assert quarter is not None
     yield f"ICC of a test loss: {whole.estimate:.2f}, among these {quarter.estimate:.2f}"
-    within = logs[good].var(axis=1, ddof=1).mean()
-    between = max(0.0, means[good].var(ddof=1) - within / logs.shape[1])
-    yield f"among these: deviation between networks {between**0.5:.2f}, between seeds {within**0.5:.2f}"
-    yield f"reliability of a mean of {logs.shape[1]} seeds {between / (between + within / logs.shape[1]):.2f}"
+    between, within = deviations(logs[good])
+    yield f"among these: deviation between networks {between:.2f}, between seeds {within:.2f}"
+    yield f"reliability of a mean of {logs.shape[1]} seeds {reliability(logs[good]):.2f}"
     for name, rows in (("all", order), ("those with both", good)):
         best = np.exp(best_unseen_loss(space.tests[rows]))
         yield f"best by all seeds but one, judged by that one, of {name}: {best:.3f}"
@@ -108,7 +148,7 @@ def ideal_stop(space: Space) -> str:
 def main() -> None:
     """Print all of it."""
     space = Space(read_table(Path("cache/tables/grating-space.zip")))
-    for lines in (worths(space), figures(space), draws(space), [ideal_stop(space)]):
+    for lines in (worths(space), figures(space), judged(space), draws(space), [ideal_stop(space)]):
         print("\n".join(lines), end="\n\n", flush=True)
 
 

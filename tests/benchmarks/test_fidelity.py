@@ -63,10 +63,14 @@ def test_page_shows_the_figures() -> None:
     page = (ROOT / "docs/evidence.md").read_text(encoding="utf-8")
     blocks = {name: blocks_of(str(ROOT / place)) for name, place in GROUPS.items()}
     found = [with_interval(each, taus) for each in blocks.values()]
-    rows = [line for line in page.splitlines() if line.startswith("| ") and line.count(" [") == 4 and " of " not in line]
+    rows = [
+        line for line in page.splitlines() if line.startswith("| ") and line.count(" [") == 4 and " of " not in line
+    ]
     assert len(rows) > 3
     for line in rows:
         row = EPOCHS.index(int(line.split("|")[1]))
-        cells = ["{:.2f} [{:.2f}, {:.2f}]".format(*(part[row, rule] for part in one)) for one in found for rule in (0, 1)]
+        cells = [
+            "{:.2f} [{:.2f}, {:.2f}]".format(*(part[row, rule] for part in one)) for one in found for rule in (0, 1)
+        ]
         assert line == f"| {EPOCHS[row]} | {' | '.join(cells)} |"
     assert [len(joined(each).ends) for each in blocks.values()] == [40, 80]
