@@ -173,7 +173,7 @@ def best_quarter(pilot: Pilot) -> NDArray[np.intp]:
 
 
 def shrunken(tests: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean of each network, moved to the mean of all by the part that is seeds'; of values of shape (n, S)."""
+    """Return each network's mean of values of shape (n, S), moved to the mean of all by the part that is seeds'."""
     means = tests.mean(axis=1)
     return np.asarray(means.mean() + reliability(tests) * (means - means.mean()))
 
@@ -181,7 +181,7 @@ def shrunken(tests: NDArray[np.float64]) -> NDArray[np.float64]:
 def reliability(tests: NDArray[np.float64]) -> float:
     """Return the part of the variance of networks' means that is networks', of values of shape (n, S)."""
     between, within = deviations(tests)
-    return between**2 / (between**2 + within**2 / tests.shape[1])
+    return float(between**2 / (between**2 + within**2 / tests.shape[1]))
 
 
 def near(tests: NDArray[np.float64]) -> int:
