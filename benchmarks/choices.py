@@ -3,20 +3,19 @@
     python -m benchmarks.choices
 
 The fittest network of many is partly lucky. Three remedies are tried, each at equal epochs of training: a longer
-training of the promising (halving), a second seed for them (racing), and an estimate that shrinks each fitness towards
-what a model expects of such networks. The model is that of the search itself (`tacevo.evolution.surrogate`), a ridge
-over what the probe measures; or one of the genes, which a user has in a closed space alone. Last, a search that draws
-the next network by a random sample of such a model (Thompson 1933), the bar for any way that knows the genes.
+training of the promising (successive halving), a second seed for them (racing), and an estimate that shrinks each
+fitness towards what a model expects of such networks. The model is that of the search itself
+(`tacevo.evolution.surrogate`), a ridge over what the probe measures; or one of the genes, which a user has in a closed
+space alone. Last, a search that draws the next network by a random sample of such a model (Thompson 1933), the bar for
+any way that knows the genes.
 
 Every way draws networks of the table, none twice. The judges have not chosen (`benchmarks.reach.mean`). The plan says
 which comparison was fixed before the table's judge was looked at. Ten minutes of a core.
 """
 
-import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,20 +26,24 @@ from sklearn.linear_model import BayesianRidge
 import tacevo
 from analysis.statistics.effects import mean_with_interval
 from benchmarks.handed_over import against_baseline
-from benchmarks.pilot import RESULTS as PILOTS
-from benchmarks.pilot import Pilot, pilot_of
-from benchmarks.reach import Judgeable, Mean, Space, mean
+from benchmarks.pilot import Pilot, pilot_of, recorded
+from benchmarks.reach import BUDGETS, Handed, Mean, Space, mean
+from benchmarks.written import interval
 from tacevo.evolution.surrogate import features, fit
 from tacevo.randomness import stream
+from tacevo.results.judged_loss import fresh_losses
 from tacevo.results.space_table import read_table
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
 
-#: Epochs of training after which a network is handed over, and the searches of each.
-BUDGETS, SEARCHES = (50, 100, 200, 400), 400
+#: Searches of each way.
+SEARCHES = 400
 
-#: Draws of half of the networks of a pilot; and the published searches whose elites were trained to the end.
-PILOT_DRAWS, SEARCHED = 400, "cache/published/ablation-elites.zip"
+#: The planned comparison: the second way at the budget before the last, with the first way at the last.
+FITTEST, PLANNED = "the fittest, 5 epochs", "the lowest estimate of the search's model, 5 epochs"
+
+#: A published sweep whose elites were trained to the end.
+SEARCHED = "cache/published/ablation-elites.zip"
 
 #: Networks that a sampled model has to begin with.
 FIRST = 5
@@ -48,15 +51,8 @@ FIRST = 5
 #: Of what racing spends, the part that goes to second seeds.
 RACED = 0.25
 
-#: Halving keeps one of so many after each of these numbers of epochs but the last.
+#: Successive halving keeps one of so many after each of these numbers of epochs but the last.
 KEPT, LEVELS = 3, (5, 10, 20)
-
-
-class Chosen(NamedTuple):
-    """A network that is handed over, with the recorded seeds that have chosen it."""
-
-    network: int
-    seen: tuple[int, ...]
 
 
 class Drawn:
@@ -64,17 +60,17 @@ class Drawn:
 
     def __init__(self, space: Space, seed: int) -> None:
         self.rng = stream(seed, "choices")
-        #: Rows of networks with genes.
-        self.order = 1 + self.rng.permutation(len(space.rows) - 1)
-        self.seeds = np.array([self.rng.permutation(space.tests.shape[1]) for _ in space.rows])
+        #: Rows of networks with genes: all but the first, the baseline's file.
+        self.order = 1 + self.rng.permutation(len(space.tests) - 1)
+        self.seeds = np.array([self.rng.permutation(space.tests.shape[1]) for _ in space.tests])
 
-    def first(self, row: int) -> Chosen:
+    def first(self, row: int) -> Handed:
         """Hand over a network of which one training was seen."""
-        return Chosen(row, (int(self.seeds[row, 0]),))
+        return Handed(row, (int(self.seeds[row, 0]),))
 
 
-#: What a way hands over that may train for so many epochs.
-Way = Callable[[Drawn, int], Chosen]
+#: What a choice hands over where it may train for so many epochs.
+Choice = Callable[[Drawn, int], Handed]
 
 
 class Choices:
@@ -85,12 +81,12 @@ class Choices:
         self.features = [None if one.profile is None else features(one.profile) for one in space.table.networks]
         genes = pd.DataFrame([one.genome for one in space.table.networks[1:]])
         indicators = pd.get_dummies(genes.astype(str), drop_first=True, dtype=float).to_numpy()
-        #: A row a network, the baseline's file with none of the values; standardised to a mean of 0.
+        #: A row a network, the baseline's file with none of the values; centred.
         self.genes = np.vstack([np.zeros(indicators.shape[1]), indicators - indicators.mean(axis=0)])
 
-    def ways(self) -> Mapping[str, Way]:
+    def ways(self) -> Mapping[str, Choice]:
         """Return every way, by its name; the first is what the others are set beside."""
-        ways: dict[str, Way] = {}
+        ways: dict[str, Choice] = {}
         for epochs in (5, 3, 10):
             ways |= {
                 f"the fittest, {epochs} epochs": self._by(epochs, self._fittest),
@@ -99,7 +95,7 @@ class Choices:
                 f"a quarter for second seeds, {epochs} epochs": self._raced(epochs),
             }
         return ways | {
-            f"halving after {', '.join(map(str, LEVELS[:-1]))} of {LEVELS[-1]} epochs": self._halved,
+            f"successive halving after {', '.join(map(str, LEVELS[:-1]))} of {LEVELS[-1]} epochs": self._halved,
             "any network of the space, by a model of the genes, 5 epochs": self._by(5, self._anywhere),
             "a sampled model of the genes draws, 5 epochs": self._sampled,
         }
@@ -108,8 +104,8 @@ class Choices:
         """Return the logarithm of the lowest loss of so many epochs by the first or second seed of each network."""
         return np.asarray(self.logs[rows, drawn.seeds[rows, use], epochs - 1])
 
-    def _by(self, epochs: int, choose: Callable[[NDArray[np.intp], NDArray[np.float64]], int]) -> Way:
-        def way(drawn: Drawn, budget: int) -> Chosen:
+    def _by(self, epochs: int, choose: Callable[[NDArray[np.intp], NDArray[np.float64]], int]) -> Choice:
+        def way(drawn: Drawn, budget: int) -> Handed:
             rows = drawn.order[: budget // epochs]
             return drawn.first(choose(rows, self._fitness(drawn, rows, epochs)))
 
@@ -131,8 +127,8 @@ class Choices:
     def _anywhere(self, rows: NDArray[np.intp], fitness: NDArray[np.float64]) -> int:
         return 1 + int(BayesianRidge().fit(self.genes[rows], fitness).predict(self.genes[1:]).argmin())
 
-    def _raced(self, epochs: int) -> Way:
-        def way(drawn: Drawn, budget: int) -> Chosen:
+    def _raced(self, epochs: int) -> Choice:
+        def way(drawn: Drawn, budget: int) -> Handed:
             trainings = budget // epochs
             again = max(1, int(RACED * trainings))
             rows = drawn.order[: trainings - again]
@@ -140,11 +136,11 @@ class Choices:
             best = np.argsort(fitness, kind="stable")[:again]
             both = fitness[best] + self._fitness(drawn, rows[best], epochs, 1)
             row = int(rows[best[both.argmin()]])
-            return Chosen(row, tuple(drawn.seeds[row, :2].tolist()))
+            return Handed(row, tuple(drawn.seeds[row, :2].tolist()))
 
         return way
 
-    def _halved(self, drawn: Drawn, budget: int) -> Chosen:
+    def _halved(self, drawn: Drawn, budget: int) -> Handed:
         """Train all for the first number of epochs, and go on with the best of them; epochs are not paid twice."""
         price = sum((level - before) / KEPT**step for step, (before, level) in enumerate(_steps()))
         rows = drawn.order[: max(1, int(budget / price))]
@@ -153,7 +149,7 @@ class Choices:
             rows = rows[: 1 if level == LEVELS[-1] else max(1, len(rows) // KEPT)]
         return drawn.first(int(rows[0]))
 
-    def _sampled(self, drawn: Drawn, budget: int, epochs: int = 5) -> Chosen:
+    def _sampled(self, drawn: Drawn, budget: int, epochs: int = 5) -> Handed:
         trained = drawn.order[:FIRST].tolist()
         for _ in range(budget // epochs - FIRST):
             rows = np.array(trained)
@@ -173,7 +169,7 @@ def _steps() -> Sequence[tuple[int, int]]:
 def written(one: Mean) -> str:
     """Write a geometric mean, or a ratio of two, with its 95 % interval."""
     width = float(norm.ppf(0.975)) * one.error
-    return "{:.3f} [{:.3f}, {:.3f}]".format(*(math.exp(one.value + by) for by in (0, -width, width)))
+    return interval(math.exp(one.value), math.exp(one.value - width), math.exp(one.value + width), 3)
 
 
 def by_model(networks: Sequence[Mapping[str, float]], fitness: Sequence[float]) -> list[float]:
@@ -182,18 +178,16 @@ def by_model(networks: Sequence[Mapping[str, float]], fitness: Sequence[float]) 
     return [surrogate.predict(one) for one in networks]
 
 
-def in_pilot(pilot: Pilot) -> float:
-    """Return the log ratio of what is handed over by the model's estimate and by fitness alone, among draws.
+def in_pilot(pilot: Pilot, networks: int = 40) -> float:
+    """Return the log ratio of what is handed over by the model's estimate and by fitness alone, of all networks.
 
-    The model sees which value each gene has. One seed chooses and the other judges, both ways.
+    One seed chooses and the other judges, both ways. A pilot that was made larger counts with its first networks.
     """
-    rng, found = stream(0, "choices"), []
-    indicators = [{f"{gene} {value}": 1.0 for gene, value in row.items()} for row in pilot.genes.to_dict("records")]
-    for draw in range(PILOT_DRAWS):
-        seed, drawn = draw % pilot.tests.shape[1], rng.permutation(len(indicators))[: len(indicators) // 2]
-        fitness, ends = pilot.fitness[drawn, seed], np.delete(pilot.tests[drawn], seed, axis=1).mean(axis=1)
-        estimates = by_model([indicators[row] for row in drawn.tolist()], fitness.tolist())
-        found.append(ends[int(np.argmin(estimates))] - ends[int(fitness.argmin())])
+    found = []
+    for seed in range(pilot.tests.shape[1]):
+        fitness, judged = pilot.fitness[:networks, seed], np.delete(pilot.tests[:networks], seed, axis=1).mean(axis=1)
+        estimates = by_model(pilot.features[:networks], fitness.tolist())
+        found.append(judged[int(np.argmin(estimates))] - judged[int(fitness.argmin())])
     return float(np.mean(found))
 
 
@@ -224,26 +218,47 @@ def in_searches(place: str) -> list[float]:
 
 def _ratio(logs: Sequence[float]) -> str:
     """Write a geometric mean with its 95 % interval (Student's)."""
-    return "{:.2f} [{:.2f}, {:.2f}]".format(*map(math.exp, mean_with_interval(logs)))
+    mean, low, high = map(math.exp, mean_with_interval(logs))
+    return interval(mean, low, high)
+
+
+def elsewhere() -> Iterator[str]:
+    """Yield what the choice by the model's estimate gains in the pilots, and in published searches."""
+    pilots = {name: in_pilot(pilot_of(one)) for name, one in recorded().items()}
+    each, ratio = ", ".join(f"{name} {math.exp(gain):.2f}" for name, gain in pilots.items()), _ratio([*pilots.values()])
+    yield f"by the model's estimate, divided by the fittest: {ratio} in {len(pilots)} pilots ({each})"
+    searches = in_searches(SEARCHED)
+    yield f"the same in published searches: {_ratio(searches)}, {len(searches)} seeds"
+
+
+def on_the_table(space: Space) -> Iterator[str]:
+    """Yield a row a way, and then the planned comparison, also where fresh seeds judge both of a pair of searches."""
+    ways, handed = Choices(space).ways(), dict[str, list[list[Handed]]]()
+    yield f"| way | {' | '.join(f'{budget} epochs' for budget in BUDGETS)} |"
+    yield f"|{'---|' * (len(BUDGETS) + 1)}"
+    for name, way in ways.items():
+        handed[name] = [[way(Drawn(space, seed), budget) for seed in range(SEARCHES)] for budget in BUDGETS]
+        yield f"| {name} | {' | '.join(written(mean(space, each)) for each in handed[name])} |"
+    half, whole = handed[PLANNED][-2], handed[FITTEST][-1]
+    fresh = fresh_losses(space.table)
+    both = [
+        (one, other) for one, other in zip(half, whole, strict=True) if {one.network, other.network} <= fresh.keys()
+    ]
+    shares = [f"{sum(one.network in fresh for one in group) / len(group):.0%}" for group in (half, whole)]
+    ratio = written(mean(space, half, whole, paired=True))
+    yield f"\n{PLANNED} after {BUDGETS[-2]}, divided by {FITTEST} after {BUDGETS[-1]}: {ratio}"
+    yield f"fresh seeds judge {' and '.join(shares)} of what they hand over"
+    if len(both) > 1:
+        one, other = (list(group) for group in zip(*both, strict=True))
+        yield f"where they judge both, in {len(both)} pairs: {written(mean(space, one, other, paired=True))}"
 
 
 def main() -> None:
-    """Print the choice in the pilots and in real searches, then each way on the table, and beside the first."""
-    pilots = [in_pilot(pilot_of(one)) for one in json.loads(PILOTS.read_text(encoding="utf-8")).values()]
-    print(f"by the model's estimate, of the loss by fitness: {_ratio(pilots)} in {len(pilots)} pilots")
-    searches = in_searches(SEARCHED)
-    print(f"the same in real searches, a value a seed: {_ratio(searches)}, {len(searches)} seeds\n", flush=True)
-    space = Space(read_table(Path("cache/tables/grating-space.zip")))
-    ways = Choices(space).ways()
-    print(f"| way | {' | '.join(f'{budget} epochs' for budget in BUDGETS)} | beside the fittest of twice the epochs |")
-    print(f"|{'---|' * (len(BUDGETS) + 2)}", flush=True)
-    reference: Sequence[Judgeable] = ()
-    for name, way in ways.items():
-        handed = [[way(Drawn(space, seed), budget) for seed in range(SEARCHES)] for budget in BUDGETS]
-        reference = reference or handed[-1]
-        figures = [written(mean(space, each)) for each in handed]
-        half = written(mean(space, handed[-2], reference))
-        print(f"| {name} | {' | '.join(figures)} | {half} |", flush=True)
+    """Print the planned choice in the pilots and in published searches, then all ways on the table."""
+    for line in elsewhere():
+        print(line, flush=True)
+    for line in on_the_table(Space(read_table(Path("cache/tables/grating-space.zip")))):
+        print(line, flush=True)
 
 
 if __name__ == "__main__":

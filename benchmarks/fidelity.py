@@ -5,16 +5,17 @@
 Two groups of networks were trained with two seeds each: first mutations, of which nobody had chosen, and the elites of
 searches, which had been chosen by trainings of ten epochs. A fitness after so many epochs under one seed is set beside
 the test loss after 70 epochs under the other, both ways: Kendall's tau among all networks of a group. Then ways to
-spend the same number of epochs are compared on draws from a group: many short trainings, few long ones, or short ones
-of which the fittest are trained anew to the end (`choose=validated`). The network that is handed over is judged by the
-seed that did not choose.
+spend the same number of epochs are compared on draws from a group: long trainings of few networks, short ones of many,
+or short ones of which the best are trained on. The network that is handed over is judged by the seed that did not
+choose; what draws hand over is expected exactly, without a simulation.
 
-A block is a job, whose networks share their training seeds; intervals are of blocks. Nothing of it was planned before
-the trainings.
+A block is a seed of the searches: its jobs share their training seeds. Intervals are Student's, by the figures of all
+blocks but one (the jackknife). Nothing of it was planned before the trainings.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,8 @@ from scipy.stats import kendalltau, t
 
 import tacevo
 from analysis.studies.reestimates import losses_of
-from tacevo.randomness import stream
+from benchmarks.written import interval
+from tacevo.results.study_lines import ScoreLine
 from tacevo.storage.sweep_directory import SweepDirectory
 
 #: The published sweeps, by what their networks are.
@@ -32,18 +34,17 @@ GROUPS: Mapping[str, str] = {
     "elites": "cache/published/ablation-elites.zip",
 }
 
-#: Numbers of epochs whose fitness is looked at.
+#: Numbers of epochs whose fitness is looked at, and pairs of them that are compared.
 EPOCHS = (1, 3, 5, 10, 20, 30, 50, 70)
+PAIRS = ((5, 50), (5, 70), (10, 70))
 
-#: Epochs that are spent, and ways to do it: epochs of a short training, and how many networks are then trained fully.
-SPENT = 350
-WAYS = ((70, 0), (20, 0), (10, 0), (20, 3), (10, 3), (5, 3))
-
-DRAWS = 4000
+#: Epochs that are spent, and ways to do it: epochs of a training, and how many of the best are then trained on.
+SPENT = 210
+WAYS = ((70, 0), (20, 0), (10, 0), (20, 2), (10, 2), (5, 2))
 
 
 class Block(NamedTuple):
-    """The networks of a job but for its baseline: n of them, two seeds."""
+    """Different networks of the searches of a seed, but for the baseline: n of them, two training seeds."""
 
     #: The lowest validation loss after each epoch, shape (n, 2, epochs).
     lowest: NDArray[np.float64]
@@ -53,41 +54,39 @@ class Block(NamedTuple):
     ends: NDArray[np.float64]
 
 
+class Estimate(NamedTuple):
+    """Figures of any one shape, and the ends of their intervals."""
+
+    value: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+
 def blocks_of(place: str) -> list[Block]:
-    """Read the studies of a sweep's jobs, of which no training may have failed."""
-    sweep, blocks = tacevo.open(place), []
+    """Read the studies of a sweep; a network that two jobs trained with the same seeds counts once.
+
+    Raises:
+        ValueError: a training failed.
+    """
+    sweep, found = tacevo.open(place), dict[int, dict[tuple[str, ...], Block]]()
     assert isinstance(sweep, tacevo.Sweep)
     for job in SweepDirectory(sweep.place.folder).read().jobs:
         run = sweep.run(job.name)
         for study in run.studies:
             if study.is_noise or study.is_choice:
                 continue
-            shape = len(study.networks), study.scores["seed"].nunique()
-            rows = study.recorded.scores
-            losses = np.array([losses_of(run.recorded.stores, row) for row in rows]).reshape(*shape, -1)[1:]
-            tests = np.array([row.metrics["cross_entropy"] for row in rows]).reshape(shape)[1:]
-            blocks.append(Block(np.minimum.accumulate(losses, axis=2), losses, np.log(tests)))
-    return blocks
-
-
-def tau(fitness: NDArray[np.float64], ends: NDArray[np.float64]) -> float:
-    """Return Kendall's tau of each seed's fitness with the other seed's end, the mean of both; shapes (n, 2)."""
-    return float(np.mean([kendalltau(fitness[:, seed], ends[:, 1 - seed]).statistic for seed in (0, 1)]))
-
-
-def with_interval(
-    blocks: Sequence[Block], figures: Callable[[Block], NDArray[np.float64]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return figures of all blocks together, and the ends of their 95 % intervals.
-
-    These are Student's, by the figures of all blocks but one (the jackknife). A bootstrap would draw blocks twice, and
-    then the draws of a way would meet a network twice.
-    """
-    count, whole = len(blocks), figures(joined(blocks))
-    without = np.array([figures(joined([*blocks[:row], *blocks[row + 1 :]])) for row in range(count)])
-    error = np.sqrt((count - 1) ** 2 / count * without.var(axis=0, ddof=1))
-    width = float(t.ppf(0.975, count - 1)) * error
-    return whole, whole - width, whole + width
+            trained: dict[str, list[ScoreLine]] = {}
+            for row in study.recorded.scores:
+                trained.setdefault(row.network, []).append(row)
+            for name, rows in trained.items():
+                if len(rows) != study.scores["seed"].nunique():
+                    raise ValueError(f"{place}, {job.name}: a training of {name} failed; expected none that did")
+                if name != "baseline":
+                    losses = np.array([[losses_of(run.recorded.stores, row) for row in rows]])
+                    ends = np.log([[row.metrics["cross_entropy"] for row in rows]])
+                    known = tuple(row.evaluation for row in rows)
+                    found.setdefault(job.seed, {})[known] = Block(np.minimum.accumulate(losses, axis=2), losses, ends)
+    return [joined([*networks.values()]) for networks in found.values()]
 
 
 def joined(blocks: Sequence[Block]) -> Block:
@@ -95,60 +94,97 @@ def joined(blocks: Sequence[Block]) -> Block:
     return Block(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
 
 
+def with_interval(blocks: Sequence[Block], figures: Callable[[Block], NDArray[np.float64]]) -> Estimate:
+    """Return figures of all blocks together, with their intervals of 95 % by the jackknife."""
+    count, whole = len(blocks), figures(joined(blocks))
+    without = np.array([figures(joined([*blocks[:row], *blocks[row + 1 :]])) for row in range(count)])
+    width = float(t.ppf(0.975, count - 1)) * (count - 1) / count**0.5 * without.std(axis=0, ddof=1)
+    return Estimate(whole, whole - width, whole + width)
+
+
 def taus(block: Block) -> NDArray[np.float64]:
-    """Return tau after each number of epochs, of the lowest loss and of the last, shape (epochs, 2)."""
-    rows = [[tau(losses[:, :, epochs - 1], block.ends) for losses in (block.lowest, block.last)] for epochs in EPOCHS]
-    return np.array(rows)
+    """Return Kendall's tau of each seed's fitness with the other seed's test loss, the mean of both.
 
-
-def handed(block: Block, epochs: int, full: int, rng: np.random.Generator) -> float:
-    """Return the mean log test loss of what draws hand over, by the seed that did not choose.
-
-    Args:
-        block: the networks to draw from, without replacement.
-        epochs: of a short training.
-        full: how many of the fittest are trained anew to their end, which then chooses; 0: the fittest is handed over.
-        rng: of the draws.
+    Returns:
+        Shape (epochs, 2): after each number of epochs, of the lowest loss and of the last.
     """
-    networks, longest = len(block.ends), block.lowest.shape[2]
-    count, found = min(networks, (SPENT - full * longest) // epochs), []
-    for draw in range(DRAWS):
-        rows, seed = rng.permutation(networks)[:count], draw % 2
-        best = rows[np.argsort(block.lowest[rows, seed, epochs - 1], kind="stable")[: max(1, full)]]
-        found.append(block.ends[best[block.lowest[best, seed, -1].argmin()], 1 - seed])
-    return float(np.mean(found))
+    found = [
+        [
+            np.mean([kendalltau(losses[:, seed, epochs - 1], block.ends[:, 1 - seed]).statistic for seed in (0, 1)])
+            for losses in (block.lowest, block.last)
+        ]
+        for epochs in EPOCHS
+    ]
+    return np.array(found)
 
 
-def spent(block: Block) -> NDArray[np.float64]:
-    """Return the mean log test loss of what each way hands over, and below it less that of the first way."""
-    rng = stream(0, "draws")
-    means = np.array([handed(block, epochs, full, rng) for epochs, full in WAYS])
-    return np.stack([means, means - means[0]])
+def gains(block: Block) -> NDArray[np.float64]:
+    """Return by how much tau of the lowest loss grows from the first to the second number of epochs of each pair."""
+    lowest = dict(zip(EPOCHS, taus(block)[:, 0], strict=True))
+    return np.array([lowest[many] - lowest[few] for few, many in PAIRS])
+
+
+def drawn(epochs: int, promoted: int, longest: int) -> int:
+    """Return how many networks a way can draw: it trains each for `epochs`, and the best few of them to the end."""
+    return (SPENT - promoted * (longest - epochs)) // epochs
+
+
+def handed_over(block: Block, epochs: int, promoted: int) -> float:
+    """Return the expected log test loss of what draws without replacement hand over, by the seed that did not choose.
+
+    Of networks in the order of their short training, the best k of n drawn are any k of them if the other n - k are
+    drawn from those behind; the mean is over all choices of k, each with its chance.
+    """
+    networks, kept = len(block.ends), max(1, promoted)
+    count, found = drawn(epochs, promoted, block.lowest.shape[2]), []
+    for seed in (0, 1):
+        order = np.argsort(block.lowest[:, seed, epochs - 1], kind="stable")
+        final, ends = block.lowest[order, seed, -1], block.ends[order, 1 - seed]
+        for best in combinations(range(networks), kept):
+            chance = comb(networks - 1 - best[-1], count - kept) / comb(networks, count)
+            if chance:
+                winner = min(best, key=lambda row: final[row]) if promoted else best[0]
+                found.append(chance * ends[winner])
+    return float(sum(found)) / 2
+
+
+def worth(block: Block) -> NDArray[np.float64]:
+    """Return the expected log test loss of what each way hands over, less that of the first way."""
+    means = np.array([handed_over(block, epochs, promoted) for epochs, promoted in WAYS])
+    return np.asarray(means - means[0])
+
+
+def table_lines(groups: Mapping[str, Sequence[Block]]) -> list[str]:
+    """Lay out tau by epochs, its gains, and the ways to spend epochs."""
+    found = [with_interval(blocks, taus) for blocks in groups.values()]
+    lines = [f"| epochs | {' | '.join(f'{name}, `lowest` | `last`' for name in groups)} |", f"|{'---|' * 5}"]
+    for row, epochs in enumerate(EPOCHS):
+        cells = [interval(*(part[row, rule] for part in one)) for one in found for rule in (0, 1)]
+        lines.append(f"| {epochs} | {' | '.join(cells)} |")
+    found = [with_interval(blocks, gains) for blocks in groups.values()]
+    lines += ["", f"| tau of `lowest` | {' | '.join(groups)} |", "|---|---|---|"]
+    for row, (few, many) in enumerate(PAIRS):
+        cells = [interval(*(part[row] for part in one)) for one in found]
+        lines.append(f"| after {many} epochs, less that after {few} | {' | '.join(cells)} |")
+    longest = {blocks[0].lowest.shape[2] for blocks in groups.values()}.pop()
+    found = [with_interval(blocks, worth) for blocks in groups.values()]
+    lines += ["", f"| {SPENT} epochs | {' | '.join(groups)} |", "|---|---|---|"]
+    for row, (epochs, promoted) in enumerate(WAYS):
+        name = f"{drawn(epochs, promoted, longest)} trainings of {epochs} epochs"
+        name += f", the best {promoted} of them on to {longest}" if promoted else ""
+        cells = [interval(*np.exp([part[row] for part in one]).tolist()) for one in found]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return lines
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables, and of how many networks they are."""
     groups = {name: blocks_of(place) for name, place in GROUPS.items()}
-    print(f"| epochs | {' | '.join(f'{name}: lowest | last' for name in groups)} |")
-    print(f"|{'---|' * (1 + 2 * len(groups))}")
-    found = [with_interval(blocks, taus) for blocks in groups.values()]
-    for row, epochs in enumerate(EPOCHS):
-        cells = [
-            "{:.2f} [{:.2f}, {:.2f}]".format(*(part[row, rule] for part in one)) for one in found for rule in (0, 1)
-        ]
-        print(f"| {epochs} | {' | '.join(cells)} |")
-    print(f"\n| {SPENT} epochs | {' | '.join(f'{name} | beside the first row' for name in groups)} |")
-    print(f"|{'---|' * (1 + 2 * len(groups))}")
-    found = [with_interval(blocks, spent) for blocks in groups.values()]
-    longest = {blocks[0].lowest.shape[2] for blocks in groups.values()}.pop()
-    for row, (epochs, full) in enumerate(WAYS):
-        name = f"{(SPENT - full * longest) // epochs} of {epochs}" + (f", then {full} of {longest}" if full else "")
-        ratios = [[math.exp(part[kind, row]) for part in one] for one in found for kind in (0, 1)]
-        print(f"| {name} | {' | '.join('{:.2f} [{:.2f}, {:.2f}]'.format(*each) for each in ratios)} |")
+    print("\n".join(table_lines(groups)))
     for name, blocks in groups.items():
         whole = joined(blocks)
         late = float((whole.last.argmin(axis=2) >= 0.9 * whole.last.shape[2]).mean())
-        print(f"{name}: {len(whole.ends)} in {len(blocks)} blocks; {late:.0%} of the trainings best in the last tenth")
+        print(f"{name}: {len(whole.ends)} networks of {len(blocks)} seeds; {late:.0%} best in the last tenth")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ accepted if all five of these hold (docs/plans):
 1. its two strongest genes together explain at most 0.4 of the variance of networks' mean log test loss;
 2. among the best quarter the ICC of a log test loss is 0.4 or more;
 3. at most 1 % of its networks are within 10 % of the best;
-4. draws still gain more than 10 % from 50 trainings to 200;
+4. draws still gain more than 10 % from 50 trainings to 200, as expected of normal values;
 5. fewer than 20 % of the trainings are best in the last tenth of their epochs.
 
 The networks are drawn once, so a larger pilot holds a smaller one. `results/pilots.json` has the genes and losses of
@@ -19,20 +19,25 @@ each, so that every figure can be computed again; trainings are kept in `build/p
 import argparse
 import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.integrate import quad
+from scipy.stats import norm
 from sklearn.linear_model import RidgeCV
 from sklearn.model_selection import KFold, cross_val_predict
 
-from analysis.statistics.seed_noise import icc
+from analysis.statistics.seed_noise import deviations, icc, reliability
+from benchmarks.written import interval
 from tacevo.config.compose import compose
 from tacevo.config.task_texts import load_task
+from tacevo.evolution.surrogate import features
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.rendering import render
 from tacevo.llm.grammar.space import member
@@ -55,6 +60,8 @@ DRAWN = (50, 200)
 
 #: A loss within this factor of the best one's is as good.
 AS_GOOD = 1.1
+
+RESAMPLES = 2000
 
 #: What the first table has settled is fixed: BatchNorm and max pooling.
 GENES: Mapping[str, Sequence[Any]] = {
@@ -88,6 +95,8 @@ class Pilot(NamedTuple):
 
     #: A row a network, a column a gene that varies.
     genes: pd.DataFrame
+    #: What the search's own model sees of each (`tacevo.evolution.surrogate`).
+    features: Sequence[Mapping[str, float]]
     #: The logarithm of the test loss, shape (n, SEEDS).
     tests: NDArray[np.float64]
     #: The lowest validation loss, shape (n, SEEDS).
@@ -122,45 +131,48 @@ def trained(name: str, networks: int) -> dict[str, Any]:
             rows[row] = network_of(gate.inspect(source), genome, source)
         seeds = [training_seed(config.seed, number) for number in range(SEEDS)]
         trainings = train_rows(bench, seeds, rows, data, view)
-    losses: dict[str, list[list[Any]]] = {
+    found: dict[str, list[list[Any]]] = {
         kind: [[None] * SEEDS for _ in rows] for kind in ("test", "fitness", "best_epoch")
     }
     for one in trainings:
         if isinstance(one.full, FullTraining):
             curve = one.full.training.validation_losses
             (loss,) = {"cross_entropy", "mse"} & {*one.full.metrics}
-            found = (one.full.metrics[loss], min(curve), int(np.argmin(curve)) + 1)
-            for kind, value in zip(losses, found, strict=True):
-                losses[kind][one.network][one.seed] = value
-    return {"epochs": config.training.epochs, "genomes": genomes, **losses}
+            values = (one.full.metrics[loss], min(curve), int(np.argmin(curve)) + 1)
+            for kind, value in zip(found, values, strict=True):
+                found[kind][one.network][one.seed] = value
+    seen = [None if row.profile is None else features(row.profile) for row in rows.values()]
+    return {"epochs": config.training.epochs, "genomes": genomes, "features": seen, **found}
 
 
 def pilot_of(found: Mapping[str, Any]) -> Pilot:
     """Read what is kept of a pilot; a network that failed with a seed is left out."""
-    whole = [None not in row for row in found["test"]]
-    genes = pd.DataFrame(found["genomes"])[whole]
+    whole = [row for row, losses in enumerate(found["test"]) if None not in losses]
+    genes = pd.DataFrame(found["genomes"]).iloc[whole]
     varied = [gene for gene in genes if genes[gene].nunique() > 1]
     tests, fitness, best = (
-        np.array([row for row, sound in zip(found[kind], whole, strict=True) if sound], dtype=np.float64)
-        for kind in ("test", "fitness", "best_epoch")
+        np.array([found[kind][row] for row in whole], dtype=np.float64) for kind in ("test", "fitness", "best_epoch")
     )
     late = float((best > 0.9 * found["epochs"]).mean())
-    return Pilot(genes[varied].reset_index(drop=True), np.log(tests), fitness, late)
+    known = [found["features"][row] for row in whole]
+    return Pilot(genes[varied].reset_index(drop=True), known, np.log(tests), fitness, late)
 
 
 def strongest(pilot: Pilot) -> tuple[float, str]:
-    """Return how much two genes explain at most of the variance of the mean log test loss, and which.
+    """Return how much two genes explain at most of the networks' variance in log test loss, and which; at most 1.
 
-    It is the R2 of a mean for each pair of their values, adjusted for the number of pairs, since few networks fall into
-    each.
+    It is the part of the variance of the means that lies between the pairs of their values, adjusted for the number of
+    pairs, of the part that is networks' own.
     """
     means, found = pilot.tests.mean(axis=1), []
     for pair in itertools.combinations(pilot.genes, 2):
         cells = pilot.genes[list(pair)].astype(str).agg(" ".join, axis=1)
         left = means - pd.Series(means).groupby(cells).transform("mean").to_numpy()
         free = len(means) - cells.nunique()
-        found.append((1 - left.var() * len(means) / free / means.var(ddof=1), " and ".join(pair)))
-    return max(found)
+        explained = 1 - float(left.var()) * len(means) / free / float(means.var(ddof=1))
+        found.append((explained, " and ".join(pair)))
+    explained, names = max(found)
+    return min(1.0, explained / max(reliability(pilot.tests), 1e-9)), names
 
 
 def best_quarter(pilot: Pilot) -> NDArray[np.intp]:
@@ -172,70 +184,73 @@ def best_quarter(pilot: Pilot) -> NDArray[np.intp]:
     return np.argsort(expected, kind="stable")[: len(expected) // 4]
 
 
-def shrunken(tests: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each network's mean of values of shape (n, S), moved to the mean of all by the part that is seeds'."""
-    means = tests.mean(axis=1)
-    return np.asarray(means.mean() + reliability(tests) * (means - means.mean()))
+def near(tests: NDArray[np.float64]) -> float:
+    """Return the part of the whole space that is as good as its best network, expected of normal values.
 
-
-def reliability(tests: NDArray[np.float64]) -> float:
-    """Return the part of the variance of networks' means that is networks', of values of shape (n, S)."""
-    between, within = deviations(tests)
-    return float(between**2 / (between**2 + within**2 / tests.shape[1]))
-
-
-def near(tests: NDArray[np.float64]) -> int:
-    """Return how many networks are as good as the best, by shrunken means of log losses of shape (n, S)."""
-    levels = shrunken(tests)
-    return int((levels <= levels.min() + np.log(AS_GOOD)).sum())
-
-
-def deviations(tests: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the standard deviations between networks and between the seeds of one, of values of shape (n, S)."""
-    within = float(tests.var(axis=1, ddof=1).mean())
-    return max(0.0, float(tests.mean(axis=1).var(ddof=1)) - within / tests.shape[1]) ** 0.5, within**0.5
-
-
-def gained(pilot: Pilot, few: int, many: int, repeats: int = 4000) -> float:
-    """Return by which part the loss falls of what draws hand over, from few trainings to many.
-
-    One seed chooses and the other judges, both ways; draws are without replacement.
+    Only the deviation between networks enters, since a sample's best is not the space's.
     """
-    rng, networks, means = stream(0, "draws"), len(pilot.tests), []
-    for count in (few, many):
-        losses = []
-        for repeat in range(repeats):
-            seed, rows = repeat % SEEDS, rng.permutation(networks)[:count]
-            losses.append(pilot.tests[rows[pilot.fitness[rows, seed].argmin()], 1 - seed])
-        means.append(np.mean(losses))
-    return float(1 - np.exp(means[1] - means[0]))
+    between, _ = deviations(tests)
+    if between == 0:
+        return 1.0
+    best = float(norm.ppf(1 - 1 / prod(map(len, GENES.values()))))
+    return float(norm.sf(best - np.log(AS_GOOD) / between))
 
 
-def row_of(name: str, pilot: Pilot) -> str:
-    """Lay out what a pilot says of the five, and the deviations; of a small one of fewer draws."""
-    explained, pair = strongest(pilot)
-    quarter, whole = icc(np.exp(pilot.tests[best_quarter(pilot)])), icc(np.exp(pilot.tests))
-    networks = len(pilot.tests)
-    few, many = DRAWN if networks >= DRAWN[1] else (networks // 4, networks)
-    iccs = [f"{one.estimate:.2f} [{one.low:.2f}, {one.high:.2f}]" if one else "" for one in (quarter, whole)]
-    between, within = deviations(pilot.tests)
-    figures = [
-        f"{explained:.2f} ({pair})",
-        *iccs,
-        f"{near(pilot.tests) / networks:.0%}",
-        f"{gained(pilot, few, many):.0%} ({few} to {many})",
-        f"{pilot.late:.0%}",
-        f"{between:.2f}, {within:.2f}",
-    ]
-    return f"| {name} | {networks} | {' | '.join(figures)} |"
+def gained(pilot: Pilot) -> float:
+    """Return by which part the loss falls of what draws hand over, between the two numbers of `DRAWN`.
+
+    Expected of normal values: of n draws the fittest lies E(n) standard deviations of a log fitness below the mean,
+    where E(n) is the mean of the largest of n normal values, and its log test loss under the other seed falls by the
+    covariance of both over that deviation.
+    """
+    fitness, slopes = np.log(pilot.fitness), []
+    for seed in range(SEEDS):
+        judged = np.delete(pilot.tests, seed, axis=1).mean(axis=1)
+        slopes.append(np.cov(fitness[:, seed], judged)[0, 1] / fitness[:, seed].std(ddof=1))
+    few, many = (largest(count) for count in DRAWN)
+    return float(1 - np.exp(-np.mean(slopes) * (many - few)))
 
 
-def rows(found: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the table of all pilots."""
+def largest(count: int) -> float:
+    """Return the mean of the largest of so many standard normal values."""
+    return float(quad(lambda x: x * count * norm.pdf(x) * norm.cdf(x) ** (count - 1), -10, 10, points=[2])[0])
+
+
+def with_bootstrap(pilot: Pilot, figure: Callable[[Pilot], float]) -> tuple[float, float, float]:
+    """Return a figure and its 95 % interval by resampled networks (percentiles)."""
+    rng, found = stream(0, "bootstrap"), []
+    for _ in range(RESAMPLES):
+        rows = rng.integers(len(pilot.tests), size=len(pilot.tests))
+        found.append(figure(pilot._replace(tests=pilot.tests[rows], fitness=pilot.fitness[rows])))
+    low, high = np.percentile(found, (2.5, 97.5)).tolist()
+    return figure(pilot), low, high
+
+
+def table_lines(found: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the table of all pilots: the five figures, the ICC of all networks, and the deviations."""
     yield "| pilot | networks | two genes | ICC: best quarter | all | as good | draws gain | late | SD: network, seed |"
     yield f"|{'---|' * 9}"
     for name, one in found.items():
-        yield row_of(name, pilot_of(one))
+        pilot = pilot_of(one)
+        explained, pair = strongest(pilot)
+        parts = [icc(np.exp(tests)) for tests in (pilot.tests[best_quarter(pilot)], pilot.tests)]
+        between, within = deviations(pilot.tests)
+        gain = with_bootstrap(pilot, gained)
+        figures = [
+            f"{explained:.2f} ({pair})",
+            *("" if part is None else interval(part.estimate, part.low, part.high) for part in parts),
+            f"{near(pilot.tests):.1%}",
+            "{:.0%} [{:.0%}, {:.0%}]".format(*gain),
+            f"{pilot.late:.0%}",
+            f"{between:.2f}, {within:.2f}",
+        ]
+        yield f"| {name} | {len(pilot.tests)} | {' | '.join(figures)} |"
+
+
+def recorded() -> dict[str, Any]:
+    """Read `results/pilots.json`."""
+    found: dict[str, Any] = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    return found
 
 
 def main() -> None:
@@ -244,12 +259,15 @@ def main() -> None:
     parser.add_argument("name", nargs="?", choices=PILOTS, help="the pilot to train")
     parser.add_argument("--networks", type=int, default=40, metavar="N")
     options = parser.parse_args()
-    found = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
     if options.name:
-        found[options.name] = trained(options.name, options.networks)
+        there = len(recorded().get(options.name, {"genomes": []})["genomes"])
+        if options.networks < there:
+            parser.error(f"--networks: expected {there} or more, which are recorded; got {options.networks}")
+        pilot = trained(options.name, options.networks)
+        found = recorded() | {options.name: pilot}  # read now: another pilot may have ended
         lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(one)}" for name, one in found.items())
         RESULTS.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8")
-    print("\n".join(rows(found)))
+    print("\n".join(table_lines(recorded())))
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import norm
@@ -90,13 +90,8 @@ class Handed(NamedTuple):
     """A network that a search hands over."""
 
     network: int
-    #: Row of the recorded seed that chose it.
-    seed: int
-
-    @property
-    def seen(self) -> tuple[int, ...]:
-        """The recorded seeds that do not judge it."""
-        return (self.seed,)
+    #: Rows of the recorded seeds that chose it, which do not judge it; at least one recorded seed is left.
+    seen: tuple[int, ...]
 
 
 class Way(NamedTuple):
@@ -140,7 +135,7 @@ class Space:
 def handed_over(visits: Sequence[Visit], epochs: int, budgets: Sequence[int] = BUDGETS) -> list[Handed]:
     """Return the fittest network of those that each budget pays for; of equally fit ones the first."""
     fittest = [min(visits[: budget // epochs], key=lambda visit: visit.loss) for budget in budgets]
-    return [Handed(visit.network, visit.seed) for visit in fittest]
+    return [Handed(visit.network, (visit.seed,)) for visit in fittest]
 
 
 def ways_of(space: Space, store: Path) -> dict[str, Way]:
@@ -293,20 +288,6 @@ def _grammar(header: Header, seed: int, unread: list[str]) -> Callable[[str], st
     return answer_to
 
 
-class Judgeable(Protocol):
-    """A network, and the recorded seeds by which somebody chose it."""
-
-    @property
-    def network(self) -> int:
-        """Its row."""
-        ...
-
-    @property
-    def seen(self) -> tuple[int, ...]:
-        """Rows of the seeds; at least one recorded seed is left."""
-        ...
-
-
 class Mean(NamedTuple):
     """A mean of logarithms, its standard error, and what it is of."""
 
@@ -316,22 +297,25 @@ class Mean(NamedTuple):
     networks: int
 
 
-def mean(space: Space, handed: Sequence[Judgeable], against: Sequence[Judgeable] = ()) -> Mean:
+def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = (), *, paired: bool = False) -> Mean:
     """Return the mean log test loss of what searches handed over, less that of others.
 
-    Its error is of the searches, and of the training seeds that judge, those of `SpaceTable.unseen_loss`: searches
-    which hand the same network over share its judges, so that many searches do not make them more. The noise of a seed
-    is taken as that of the networks here, of each under the seeds of which some judge it.
+    Where they are `paired`, the searches of both have the same luck one by one, so their differences vary less. The
+    error is of the searches, and of the training seeds that judge, those of `SpaceTable.unseen_loss`: searches which
+    hand the same network over share its judges, so that many searches do not make them more. The noise of a seed is
+    taken as that of the networks here, of each under the seeds of which some judge it.
     """
-    value, variance = 0.0, 0.0
-    fresh = fresh_losses(space.table)
+    value, fresh = 0.0, fresh_losses(space.table)
     cells: Counter[tuple[int, int]] = Counter()
-    for sign, group in ((1, handed), (-1, against)):
-        if not group:
-            continue
-        losses = [space.opened.unseen_loss(one.network, seen=one.seen) for one in group]
-        value += sign * float(np.mean(losses))
-        variance += float(np.var(losses, ddof=1)) / len(losses)
+    losses = [
+        np.array([space.opened.unseen_loss(one.network, seen=one.seen) for one in group])
+        for group in (handed, against)
+        if group
+    ]
+    varied = [losses[0] - losses[1]] if paired else losses
+    variance = sum(float(np.var(each, ddof=1)) / len(each) for each in varied)
+    for sign, group, own in zip((1, -1), (handed, against), losses, strict=False):
+        value += sign * float(own.mean())
         for one in group:
             if one.network in fresh:
                 left = [*range(len(fresh[one.network]))]
@@ -385,7 +369,7 @@ def table(space: Space, ways: Mapping[str, Any]) -> str:
 
 
 def _of_budget(found: Mapping[str, Any], number: int) -> list[Handed]:
-    return [Handed(*search[number]) for search in found["searches"]]
+    return [Handed(search[number][0], (search[number][1],)) for search in found["searches"]]
 
 
 def reach(space: Space, place: Path, searches: int, fewer: int) -> dict[str, Any]:
@@ -420,7 +404,8 @@ def reach(space: Space, place: Path, searches: int, fewer: int) -> dict[str, Any
             if seed < len(found[name]["searches"]):
                 continue
             visits = ways[name].search(seed, max(BUDGETS) // ways[name].epochs)
-            found[name]["searches"].append(handed_over(visits, ways[name].epochs))
+            handed = handed_over(visits, ways[name].epochs)
+            found[name]["searches"].append([(one.network, *one.seen) for one in handed])
             found[name]["trained"].append(len(visits))
             place.write_text(_written(space.table.digest, found), encoding="utf-8")
     return found

@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.statistics.seed_noise import agreement, icc
+from analysis.statistics.seed_noise import agreement, deviations, icc, reliability, shrunken
 from analysis.statistics.spaces import best_unseen_loss, worth_by_epochs
-from analysis.table import Interval
-from benchmarks.pilot import deviations, near, reliability
 from benchmarks.reach import Space, at_random, handed_over, mean
+from benchmarks.written import interval
 from tacevo.results.gene_model import put_first
 from tacevo.results.judged_loss import fresh_losses, mean_log_loss
 from tacevo.results.space_table import read_table
@@ -35,7 +34,9 @@ def worths(space: Space) -> Iterator[str]:
     """Yield the rows of ICC and tau by recorded seeds: whole space, and the quarter with both good values."""
     groups = [np.arange(len(space.tests)), good_of(space)]
     frames = [worth_by_epochs(space.losses[rows], space.tests[rows]) for rows in groups]
-    yield from rows_of([frame for frame in frames if frame is not None])
+    known = [frame for frame in frames if frame is not None]
+    assert len(known) == len(groups)
+    yield from rows_of(known)
 
 
 def judged(space: Space) -> Iterator[str]:
@@ -49,12 +50,15 @@ def judged(space: Space) -> Iterator[str]:
     seeds, means, best = tests.shape[1], np.log(tests).mean(axis=1), best_unseen_loss(tests)
     yield f"{len(tests)} networks, {seeds} fresh seeds each: geometric mean {np.exp(means.mean()):.3f}"
     yield f"deviation between networks {between:.2f}, between seeds {within:.2f}"
-    yield f"ICC of a test loss {interval(icc(tests))}"
+    part = icc(tests)
+    assert part is not None
+    yield f"ICC of a test loss {interval(part.estimate, part.low, part.high)}"
     yield f"reliability of a mean of {seeds} seeds {reliability(np.log(tests)):.2f}"
     recorded = [mean_log_loss(space.tests[row].tolist()) for row in fresh]
     yield f"tau of that mean with the mean of the recorded seeds {agreement(recorded, means):.2f}"
     yield f"best by all seeds but one, judged by that one: {np.exp(best):.3f}"
-    yield f"within 10 % of the best, by means shrunk to that of all: {near(np.log(tests))}"
+    levels = shrunken(np.log(tests))
+    yield f"within 10 % of the best, by means shrunk to that of all: {(levels <= levels.min() + np.log(1.1)).sum()}"
     yield from rows_of([space.opened.worth])
 
 
@@ -75,11 +79,6 @@ def good_of(space: Space) -> NDArray[np.intp]:
     """Return the rows of the networks with both good values."""
     networks = space.opened.networks
     return np.flatnonzero(np.all([networks[gene] == value for gene, value in GOOD.items()], axis=0))
-
-
-def interval(one: Interval | None) -> str:
-    """Write an estimate with its interval."""
-    return "not known" if one is None else f"{one.estimate:.2f} [{one.low:.2f}, {one.high:.2f}]"
 
 
 def explained(logs: NDArray[np.float64], groups: pd.Series) -> float:

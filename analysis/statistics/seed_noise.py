@@ -6,7 +6,7 @@ values are losses: lower is better.
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import f, kendalltau
 
 from analysis.statistics.effects import LEVEL, superiority
@@ -101,6 +101,40 @@ def expected(recorded: float, estimates: ArrayLike, reliability: float) -> float
         return None
     mean = float(np.log(np.asarray(estimates, dtype=np.float64)).mean())
     return rounded(float(np.exp(mean + max(reliability, 0.0) * (np.log(recorded) - mean))))
+
+
+def deviations(values: ArrayLike) -> tuple[float, float]:
+    """Return the standard deviations between networks and between the seeds of one.
+
+    They are those of a one-way analysis of variance; the first is 0 where the seeds' noise explains all.
+
+    Args:
+        values: for example logarithms of losses, of n >= 2 networks under S >= 2 seeds, shape (n, S).
+    """
+    known = np.asarray(values, dtype=np.float64)
+    within = float(known.var(axis=1, ddof=1).mean())
+    between = float(known.mean(axis=1).var(ddof=1)) - within / known.shape[1]
+    return max(0.0, between) ** 0.5, within**0.5
+
+
+def reliability(values: ArrayLike) -> float:
+    """Return the part of the variance of networks' means that is networks' own, in [0, 1]; shapes as `deviations`."""
+    (between, within), seeds = deviations(values), np.shape(values)[1]
+    total = between**2 + within**2 / seeds
+    return between**2 / total if total else 0.0
+
+
+def shrunken(values: ArrayLike) -> NDArray[np.float64]:
+    """Return the mean of each network, moved to the mean of all by the part that is seeds' (Kelley 1927).
+
+    Args:
+        values: shape (n, S), as `deviations`.
+
+    Returns:
+        Shape (n,).
+    """
+    means = np.asarray(values, dtype=np.float64).mean(axis=1)
+    return np.asarray(means.mean() + reliability(values) * (means - means.mean()))
 
 
 def agreement(x: ArrayLike, y: ArrayLike) -> float | None:

@@ -35,7 +35,7 @@ NUMERICS = (
 #: The groups of networks of `benchmarks.fidelity`, in words.
 MEANT = {
     "first mutations": "40 first mutations: nobody had chosen them",
-    "elites": "80 elites: ten epochs had chosen them",
+    "elites": "79 elites: ten epochs had chosen them",
 }
 
 #: Figures of published files, by the names that `tacevo figures` and `tacevo ablations` give them.
@@ -95,10 +95,12 @@ def luck() -> Figure:
 
 @house_style()
 def ranking() -> Figure:
-    """Draw how well the fitness after each number of epochs ranks the ends of 70, among two groups of networks."""
+    """Draw how well the fitness after each number of epochs ranks final test losses, among two groups of networks."""
     figure, (axes,) = new_figure("double", 2.6)
     for (name, place), colour, shift in zip(fidelity.GROUPS.items(), (BLUE, ORANGE), (0.97, 1.03), strict=True):
-        tau, low, high = (part[:, 0] for part in fidelity.with_interval(fidelity.blocks_of(place), fidelity.taus))
+        tau, low, high = (
+            part[:, 0] for part in fidelity.with_interval(fidelity.blocks_of(str(ROOT / place)), fidelity.taus)
+        )
         epochs = [shift * epoch for epoch in fidelity.EPOCHS]
         bars = (tau - low, high - tau)
         axes.errorbar(epochs, tau, bars, fmt="o-", color=colour, ms=4, lw=1, elinewidth=0.7, label=MEANT[name])
@@ -107,7 +109,7 @@ def ranking() -> Figure:
     axes.minorticks_off()
     axes.set(
         xlabel="epochs of the fitness (the lowest loss so far)",
-        ylabel="Kendall's tau with the other\nseed's end (1: the same order)",
+        ylabel="Kendall's tau with the final\ntest loss of the other seed",
     )
     axes.legend(loc="upper left")
     return figure

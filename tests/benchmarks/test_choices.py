@@ -4,14 +4,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
+from checkout import ROOT
 from made_up import TINY, made_up_table
 from numpy.typing import NDArray
 
-from benchmarks.choices import Choices, Drawn
+from benchmarks.choices import SEARCHED, Choices, Drawn, in_pilot, in_searches
+from benchmarks.pilot import Pilot
 from benchmarks.reach import Space
 
-pytestmark = pytest.mark.room("table")
+pytestmark = pytest.mark.room("table", "noise", "surrogate", "grammar")
 
 
 class _Counted:
@@ -48,3 +51,18 @@ def test_equal_luck_hands_over_the_same(place: Path) -> None:
     space = Space(made_up_table(place / "table.zip", *TINY, "training.epochs=20"))
     for way in Choices(space).ways().values():
         assert way(Drawn(space, 3), 40) == way(Drawn(space, 3), 40)
+
+
+def test_estimate_is_judged_by_the_other_seed() -> None:
+    """By hand: a lucky network of the worse kind is the fittest by both seeds; the model takes one of the better kind."""
+    kinds = [{"kind": 1.0}] * 3 + [{"kind": 0.0}] * 3
+    fitness = np.array([[0.5, 0.5], [0.51, 0.51], [0.52, 0.52], [0.2, 0.2], [2.0, 2.0], [2.1, 2.1]])
+    tests = np.log(np.array([[0.5, 0.4]] * 3 + [[1.0, 0.9]] * 3))
+    pilot = Pilot(pd.DataFrame({"kind": range(6)}), kinds, tests, fitness, late=0.0)
+    assert in_pilot(pilot) == pytest.approx((np.log(0.5 / 1.0) + np.log(0.4 / 0.9)) / 2)
+    assert in_pilot(pilot, networks=3) == 0
+
+
+def test_published_searches_are_read() -> None:
+    """A value for each of the eight seeds; both arms count in it."""
+    assert len(in_searches(str(ROOT / SEARCHED))) == 8

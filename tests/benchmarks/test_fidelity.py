@@ -7,14 +7,16 @@ from checkout import ROOT
 from benchmarks.fidelity import (
     EPOCHS,
     GROUPS,
+    SPENT,
     Block,
     blocks_of,
-    handed,
+    drawn,
+    handed_over,
     joined,
+    table_lines,
     taus,
     with_interval,
 )
-from tacevo.randomness import stream
 
 pytestmark = pytest.mark.room("noise")
 
@@ -38,7 +40,7 @@ def test_interval_of_a_mean_is_students() -> None:
 
 
 def test_fitness_is_set_beside_the_other_seed() -> None:
-    """A fitness that is its own seed's end says nothing, and one that is the other's says all."""
+    """A fitness that is its own seed's test loss says nothing, and one that is the other's says all."""
     block = _block(30, 1)
     for other, expected in ((0, False), (1, True)):
         known = np.exp(block.ends[:, [other, 1 - other]])[:, :, None].repeat(70, axis=2)
@@ -48,30 +50,34 @@ def test_fitness_is_set_beside_the_other_seed() -> None:
 
 
 def test_seed_that_chose_does_not_judge() -> None:
-    """The lowest loss of one seed is handed over, and its other seed's end counts; full trainings decide the last."""
-    ends = np.log(np.array([[0.9, 0.2], [0.3, 0.8], [0.5, 0.5]]))
-    lowest = np.ones((3, 2, 70))
+    """By hand, of 21 networks of which all are drawn: the fittest by a seed, judged by the other."""
+    ends = np.zeros((21, 2))
+    ends[0], ends[1] = (-9.0, 0.2), (0.3, -9.0)
+    lowest = np.ones((21, 2, 70))
     lowest[0, 0], lowest[1, 1] = 0.1, 0.1
-    block = Block(lowest, lowest, ends)
-    assert handed(block, 10, 0, stream(0, "a")) == pytest.approx(np.log([0.2, 0.3]).mean())
-    late = lowest.copy()
-    late[2, :, -1] = 0.01  # what a short training does not show
-    assert handed(Block(late, late, ends), 10, 3, stream(0, "a")) == pytest.approx(np.log(0.5))
+    assert handed_over(Block(lowest, lowest, ends), 10, 0) == pytest.approx((0.2 + 0.3) / 2)
+
+
+@pytest.mark.parametrize(("epochs", "promoted"), [(70, 0), (20, 0), (20, 2), (10, 2)])
+def test_expected_draws_are_what_draws_give(epochs: int, promoted: int) -> None:
+    """A simulation of the same way agrees within its error, and spends no more epochs."""
+    block, rng, found = _block(14, 3), np.random.default_rng(0), []
+    count = drawn(epochs, promoted, 70)
+    assert count * epochs + promoted * (70 - epochs) <= SPENT
+    for draw in range(6000):
+        rows, seed = rng.permutation(14)[:count], draw % 2
+        best = rows[np.argsort(block.lowest[rows, seed, epochs - 1])[: max(1, promoted)]]
+        last = block.lowest[best, seed, -1 if promoted else epochs - 1]
+        found.append(block.ends[best[last.argmin()], 1 - seed])
+    assert handed_over(block, epochs, promoted) == pytest.approx(np.mean(found), abs=4 * np.std(found) / 6000**0.5)
 
 
 def test_page_shows_the_figures() -> None:
-    """Each row of the table of docs/evidence.md is computed from the bundles."""
-    page = (ROOT / "docs/evidence.md").read_text(encoding="utf-8")
+    """Each row of the tables of docs/evidence.md is computed from the bundles; a network counts once."""
     blocks = {name: blocks_of(str(ROOT / place)) for name, place in GROUPS.items()}
-    found = [with_interval(each, taus) for each in blocks.values()]
-    rows = [
-        line for line in page.splitlines() if line.startswith("| ") and line.count(" [") == 4 and " of " not in line
-    ]
-    assert len(rows) > 3
-    for line in rows:
-        row = EPOCHS.index(int(line.split("|")[1]))
-        cells = [
-            "{:.2f} [{:.2f}, {:.2f}]".format(*(part[row, rule] for part in one)) for one in found for rule in (0, 1)
-        ]
-        assert line == f"| {EPOCHS[row]} | {' | '.join(cells)} |"
-    assert [len(joined(each).ends) for each in blocks.values()] == [40, 80]
+    assert "\n".join(table_lines(blocks)[:10]) in (page := (ROOT / "docs/evidence.md").read_text(encoding="utf-8"))
+    assert all(line in page for line in table_lines(blocks))
+    assert {name: (len(each), len(joined(each).ends)) for name, each in blocks.items()} == {
+        "first mutations": (8, 40),
+        "elites": (8, 79),
+    }

@@ -41,24 +41,31 @@ def test_fittest_network_that_the_budget_pays_for_is_handed_over() -> None:
     """Later trainings count for larger budgets alone, whatever they found; of equally fit ones the first is taken."""
     losses = [0.5, 0.4, 0.4, 0.9, 0.9, 0.1]
     visits = [Visit(network, loss, network % 3) for network, loss in enumerate(losses)]
-    assert handed_over(visits, 10, (10, 50, 60, 400)) == [Handed(0, 0), Handed(1, 1), Handed(5, 2), Handed(5, 2)]
-    assert handed_over(visits, 5, (10, 15)) == [Handed(1, 1), Handed(1, 1)]
+    assert handed_over(visits, 10, (10, 50, 60, 400)) == [
+        Handed(0, (0,)),
+        Handed(1, (1,)),
+        Handed(5, (2,)),
+        Handed(5, (2,)),
+    ]
+    assert handed_over(visits, 5, (10, 15)) == [Handed(1, (1,)), Handed(1, (1,))]
 
 
 def test_seed_that_chose_does_not_judge(space: Space) -> None:
     """Whatever its test loss is; the mean is of logarithms."""
     expected = float(np.log(space.tests[3, [0, 2]]).mean())
-    handed = [Handed(3, 1), Handed(3, 1)]
+    handed = [Handed(3, (1,)), Handed(3, (1,))]
     assert mean(space, handed).value == pytest.approx(expected, abs=1e-8)
     assert mean(space, handed, handed).value == 0
 
 
 def test_many_searches_do_not_make_two_judges_more(space: Space) -> None:
     """The error of one network that all searches hand over stays that of its judges."""
-    few, many = (mean(space, [Handed(3, 1)] * count) for count in (10, 1000))
+    few, many = (mean(space, [Handed(3, (1,))] * count) for count in (10, 1000))
     assert few.error == pytest.approx(many.error)
     assert few.error > 0
-    assert mean(space, [Handed(3, 1)] * 10, [Handed(3, 1)] * 10).error == pytest.approx(0, abs=1e-9)  # they share both
+    assert mean(space, [Handed(3, (1,))] * 10, [Handed(3, (1,))] * 10).error == pytest.approx(
+        0, abs=1e-9
+    )  # they share both
 
 
 def test_error_is_of_whatever_judges(place: Path) -> None:
@@ -68,12 +75,12 @@ def test_error_is_of_whatever_judges(place: Path) -> None:
     assert judged.table.judge is not None
     (first, losses), *_ = judged.table.judge.test_losses.items()
     logs = np.log(losses)
-    one = mean(judged, [Handed(first, 1)] * 5)
+    one = mean(judged, [Handed(first, (1,))] * 5)
     assert one.value == pytest.approx(logs.mean(), abs=1e-8)
     assert one.error == pytest.approx(np.sqrt(logs.var(ddof=1) / 4))
-    assert mean(judged, [Handed(first, 0)] * 5) == one  # a recorded seed is none of the judge's
+    assert mean(judged, [Handed(first, (0,))] * 5) == one  # a recorded seed is none of the judge's
     other = next(row for row in range(1, 9) if row not in judged.table.judge.test_losses)
-    both = mean(judged, [Handed(first, 1)] * 5, [Handed(other, 1)] * 5)
+    both = mean(judged, [Handed(first, (1,))] * 5, [Handed(other, (1,))] * 5)
     noise = (logs.var(ddof=1) + np.log(judged.tests[other]).var(ddof=1)) / 2
     assert both.error == pytest.approx(np.sqrt(noise * (1 / 4 + 1 / 2)))
 
