@@ -21,6 +21,7 @@ import itertools
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -211,6 +212,7 @@ def gained(pilot: Pilot) -> float:
     return float(1 - np.exp(-np.mean(slopes) * (many - few)))
 
 
+@cache
 def largest(count: int) -> float:
     """Return the mean of the largest of so many standard normal values."""
     return float(quad(lambda x: x * count * norm.pdf(x) * norm.cdf(x) ** (count - 1), -10, 10, points=[2])[0])

@@ -54,7 +54,7 @@ def test_equal_luck_hands_over_the_same(place: Path) -> None:
 
 
 def test_estimate_is_judged_by_the_other_seed() -> None:
-    """By hand: a lucky network of the worse kind is the fittest by both seeds; the model takes one of the better kind."""
+    """By hand: a lucky network of the worse kind is the fittest, and the model takes one of the better kind."""
     kinds = [{"kind": 1.0}] * 3 + [{"kind": 0.0}] * 3
     fitness = np.array([[0.5, 0.5], [0.51, 0.51], [0.52, 0.52], [0.2, 0.2], [2.0, 2.0], [2.1, 2.1]])
     tests = np.log(np.array([[0.5, 0.4]] * 3 + [[1.0, 0.9]] * 3))
