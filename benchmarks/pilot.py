@@ -88,6 +88,7 @@ PILOTS: Mapping[str, Sequence[str]] = {
     "finer gratings": ("data.spacings_mm=[0.75,0.84,0.94,1.05,1.18,1.32,1.48]",),
     "force": ("task=force",),
     "hardness": ("task=hardness",),
+    "hardness, 60 epochs": ("task=hardness", "training.epochs=60"),
 }
 
 
@@ -119,7 +120,7 @@ def drawn(networks: int) -> list[dict[str, Any]]:
 
 def trained(name: str, networks: int) -> dict[str, Any]:
     """Train a pilot, or what is left of it; return what `results/pilots.json` keeps of it."""
-    config, view = compose([*settings_of(name), "store.root=build/pilots", "executor.workers=1"]), Progress()
+    config, view = compose([*settings_of(name), "store.root=build/pilots"]), Progress()
     data = load_data(config, view)
     task = load_task(config, data.facts)
     signature, genomes = parse(task.baseline).signature, drawn(networks)
