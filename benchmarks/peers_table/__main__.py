@@ -102,19 +102,19 @@ def ends(contender: Contender, problem: SpaceProblem, seed: int) -> tuple[list[f
     return [round(handed_over(problem, found, budget), 6) for budget in budgets], min(len(found), budgets[-1])
 
 
-def begun(results: Path, digest: str, rivals: dict[str, Contender]) -> dict[str, Any]:
+def begun(results: Path, digest: str, judge: str | None, rivals: dict[str, Contender]) -> dict[str, Any]:
     """Return what a file holds, or a beginning without a search.
 
     Raises:
-        RuntimeError: it is of another table, of other contenders, or of other versions of their libraries.
+        RuntimeError: it is of another table or judge, of other contenders, or of other versions of their libraries.
     """
     libraries = {name: version(name) for name in LIBRARIES}
-    asked = {"table": digest, "epochs": EPOCHS, "budgets": list(BUDGETS), "libraries": libraries}
+    asked = {"table": digest, "judge": judge, "epochs": EPOCHS, "budgets": list(BUDGETS), "libraries": libraries}
     names = {name: epochs for name, (epochs, _) in rivals.items()}
     if not results.exists():
         return {**asked, "contenders": {n: {"epochs": e, "ends": [], "trainings": []} for n, e in names.items()}}
     measured: dict[str, Any] = json.loads(results.read_text(encoding="utf-8"))
-    if {key: measured[key] for key in asked} != asked or measured["contenders"].keys() != names.keys():
+    if {key: measured.get(key) for key in asked} != asked or measured["contenders"].keys() != names.keys():
         raise RuntimeError(f"{results} holds other searches; move it away, or name another file with --results")
     return measured
 
@@ -138,7 +138,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"--only: expected some of {'; '.join(names)}; got {'; '.join(unknown)}")
     problem = (opened := open_table(given.table)).as_problem()
     rivals = contenders(given.table, problem)
-    measured = begun(given.results, opened.digest, rivals)
+    judge = read_table(given.table).judge
+    measured = begun(given.results, opened.digest, None if judge is None else judge.digest, rivals)
     for name in given.only or rivals:
         known = measured["contenders"][name]
         for seed in range(len(known["ends"]), given.searches):

@@ -6,7 +6,7 @@ import pytest
 from checkout import ROOT
 
 from benchmarks.reach import Space
-from benchmarks.space import figures, worths
+from benchmarks.space import figures, judged, worths
 from tacevo.api.space_tables import SpaceTable, open_table
 from tacevo.reproduce.space_table import verify_table
 from tacevo.results.space_table import read_table
@@ -30,13 +30,33 @@ def test_table_is_that_of_its_page(table: SpaceTable) -> None:
     assert f"digest: {table.digest}\n" in PAGE
 
 
-def test_page_says_what_a_fitness_is_worth(table: SpaceTable) -> None:
+def test_page_says_what_a_fitness_is_worth() -> None:
     """ICC and tau, of the last and of the lowest loss, in the whole space and the good quarter, as computed now."""
     rows = [*worths(Space(read_table(TABLE)))]
     assert len(rows) == 5
     assert "\n".join(rows) in PAGE
-    worth = table.worth_of(down="max", norm="batch").set_index(["epochs", "rule"])["icc"]
-    assert rows[3].split(" | ")[4] == f"{worth[10, 'lowest']:.2f}"
+
+
+def test_page_says_what_the_judge_says(table: SpaceTable) -> None:
+    """ICC and tau among its networks by its fresh seeds; their level, their deviations, and how sure it is of them."""
+    *said, first, second, third, fourth, last = judged(Space(read_table(TABLE)))
+    assert "\n".join((first, second, third, fourth, last)) in PAGE
+    worth = table.worth.set_index(["epochs", "rule"])
+    assert set(worth["judged_by"]) == {"fresh"}
+    assert fourth.split(" | ")[2] == f"{worth.loc[(10, 'lowest'), 'icc']:.2f}"
+    page, words = PAGE.replace("\n", " "), "\n".join(said)
+    for pattern, shown in (
+        (r"(\d+) networks", "has the {} networks that a model"),
+        (r"between networks 0\.0(\d)", "networks deviate by {} %"),
+        (r"between seeds 0\.(\d\d)", "seeds by {} %"),
+        (r"ICC of a test loss (\S+ \[.*\])", "ICC of a test loss is {}"),
+        (r"reliability of a mean of 5 seeds (0\.\d\d)", "fresh seeds has a reliability of {}"),
+        (r"judged by that one: (0\.\d{3})", "put first has {} by the fifth"),
+        (r"geometric mean (0\.\d{3})", "all 96 have {}"),
+    ):
+        found = re.search(pattern, words)
+        assert found is not None, pattern
+        assert shown.format(found[1]) in page, shown
 
 
 def test_page_says_what_two_genes_explain() -> None:
