@@ -13,6 +13,7 @@ Every way draws networks of the table, none twice. The judges have not chosen (`
 which comparison was fixed before the table's judge was looked at. Ten minutes of a core.
 """
 
+import argparse
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -232,13 +233,18 @@ def elsewhere() -> Iterator[str]:
 
 
 def on_the_table(space: Space) -> Iterator[str]:
-    """Yield a row a way, and then the planned comparison, also where fresh seeds judge both of a pair of searches."""
+    """Yield a row a way, the same beside the first, and the planned comparison, also where fresh seeds judge both."""
     ways, handed = Choices(space).ways(), dict[str, list[list[Handed]]]()
     yield f"| way | {' | '.join(f'{budget} epochs' for budget in BUDGETS)} |"
     yield f"|{'---|' * (len(BUDGETS) + 1)}"
     for name, way in ways.items():
         handed[name] = [[way(Drawn(space, seed), budget) for seed in range(SEARCHES)] for budget in BUDGETS]
         yield f"| {name} | {' | '.join(written(mean(space, each)) for each in handed[name])} |"
+    yield f"\n| divided by {FITTEST} | {' | '.join(f'{budget} epochs' for budget in BUDGETS)} |"
+    yield f"|{'---|' * (len(BUDGETS) + 1)}"
+    for name, own in handed.items():
+        pairs = zip(own, handed[FITTEST], strict=True)
+        yield f"| {name} | {' | '.join(written(mean(space, *pair, paired=True)) for pair in pairs)} |"
     half, whole = handed[PLANNED][-2], handed[FITTEST][-1]
     fresh = fresh_losses(space.table)
     both = [
@@ -255,6 +261,7 @@ def on_the_table(space: Space) -> Iterator[str]:
 
 def main() -> None:
     """Print the planned choice in the pilots and in published searches, then all ways on the table."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     for line in elsewhere():
         print(line, flush=True)
     for line in on_the_table(Space(read_table(Path("cache/tables/grating-space.zip")))):
