@@ -125,6 +125,7 @@ def test_random_networks_are_distinct(space: Space) -> None:
     assert visits != at_random(space, 1, 4, 5)
 
 
+@pytest.mark.room("surrogate")
 def test_ours_searches_as_the_command_does(tmp_path: Path) -> None:
     """The same networks in the same order, with the same losses, as a run of `experiment=table` records them."""
     shipped = Space(read_table(ROOT / "cache/tables/grating-space.zip"))
