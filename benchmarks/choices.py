@@ -21,21 +21,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import norm
 from sklearn.linear_model import BayesianRidge
 
 import tacevo
-from analysis.statistics.effects import mean_with_interval
-from benchmarks.handed_over import against_baseline
+from benchmarks.handed_over import against_baseline, studied
 from benchmarks.pilot import Pilot, pilot_of, recorded
-from benchmarks.reach import BUDGETS, Handed, Mean, Space, mean
-from benchmarks.written import interval
+from benchmarks.reach import BUDGETS, Handed, Space, mean, written
+from benchmarks.written import geometric_mean
 from tacevo.evolution.surrogate import features, fit
 from tacevo.randomness import stream
 from tacevo.results.judged_loss import fresh_losses
 from tacevo.results.space_table import read_table
 from tacevo.runs.profiles import recall_profiles
-from tacevo.storage.sweep_directory import SweepDirectory
 
 #: Searches of each way.
 SEARCHES = 400
@@ -118,8 +115,7 @@ class Choices:
 
     def _expected(self, rows: NDArray[np.intp], fitness: NDArray[np.float64]) -> int:
         known = [self.features[row] or {} for row in rows.tolist()]
-        surrogate = fit([(each, math.exp(one)) for each, one in zip(known, fitness.tolist(), strict=True)])
-        return int(rows[np.argmin([surrogate.predict(each) for each in known])])
+        return int(rows[np.argmin(by_model(known, np.exp(fitness).tolist()))])
 
     def _by_genes(self, rows: NDArray[np.intp], fitness: NDArray[np.float64]) -> int:
         model = BayesianRidge().fit(self.genes[rows], fitness)
@@ -167,12 +163,6 @@ def _steps() -> Sequence[tuple[int, int]]:
     return list(zip((0, *LEVELS[:-1]), LEVELS, strict=True))
 
 
-def written(one: Mean) -> str:
-    """Write a geometric mean, or a ratio of two, with its 95 % interval."""
-    width = float(norm.ppf(0.975)) * one.error
-    return interval(math.exp(one.value), math.exp(one.value - width), math.exp(one.value + width), 3)
-
-
 def by_model(networks: Sequence[Mapping[str, float]], fitness: Sequence[float]) -> list[float]:
     """Return the logarithm of the fitness that the search's model, fitted to all of them, expects of each network."""
     surrogate = fit(list(zip(networks, fitness, strict=True)))
@@ -199,37 +189,29 @@ def in_searches(place: str) -> list[float]:
     """
     sweep, found = tacevo.open(place), dict[int, list[float]]()
     assert isinstance(sweep, tacevo.Sweep)
-    for job in SweepDirectory(sweep.place.folder).read().jobs:
-        run = sweep.run(job.name)
+    for job, run, study in studied(sweep):
         profiles = recall_profiles(run.recorded)
         fitness = run.candidates["fitness"].dropna()
         trained = [name for name in fitness.index if name in profiles]
         estimates = by_model([features(profiles[name]) for name in trained], fitness[trained].to_list())
         expected = pd.Series(estimates, index=trained)
-        for study in run.studies:
-            if not study.is_noise and not study.is_choice:
-                names = study.networks["id"].drop("baseline")
-                worth = against_baseline(study.scores).mean()
-                by_estimate, by_fitness = (
-                    worth[each[names].set_axis(names.index).idxmin()] for each in (expected, fitness)
-                )
-                found.setdefault(job.seed, []).append(by_estimate - by_fitness)
+        names = study.networks["id"].drop("baseline")
+        worth = against_baseline(study.scores).mean()
+        by_estimate, by_fitness = (worth[each[names].set_axis(names.index).idxmin()] for each in (expected, fitness))
+        found.setdefault(job.seed, []).append(by_estimate - by_fitness)
     return [float(np.mean(each)) for each in found.values()]
-
-
-def _ratio(logs: Sequence[float]) -> str:
-    """Write a geometric mean with its 95 % interval (Student's)."""
-    mean, low, high = map(math.exp, mean_with_interval(logs))
-    return interval(mean, low, high)
 
 
 def elsewhere() -> Iterator[str]:
     """Yield what the choice by the model's estimate gains in the pilots, and in published searches."""
     pilots = {name: in_pilot(pilot_of(one)) for name, one in recorded().items()}
-    each, ratio = ", ".join(f"{name} {math.exp(gain):.2f}" for name, gain in pilots.items()), _ratio([*pilots.values()])
+    each, ratio = (
+        ", ".join(f"{name} {math.exp(gain):.2f}" for name, gain in pilots.items()),
+        geometric_mean([*pilots.values()]),
+    )
     yield f"by the model's estimate, divided by the fittest: {ratio} in {len(pilots)} pilots ({each})"
     searches = in_searches(SEARCHED)
-    yield f"the same in published searches: {_ratio(searches)}, {len(searches)} seeds"
+    yield f"the same in published searches: {geometric_mean(searches)}, {len(searches)} seeds"
 
 
 def on_the_table(space: Space) -> Iterator[str]:

@@ -24,9 +24,9 @@ from scipy.stats import kendalltau, t
 
 import tacevo
 from analysis.studies.reestimates import losses_of
+from benchmarks.handed_over import studied
 from benchmarks.written import interval
 from tacevo.results.study_lines import ScoreLine
-from tacevo.storage.sweep_directory import SweepDirectory
 
 #: The published sweeps, by what their networks are.
 GROUPS: Mapping[str, str] = {
@@ -70,22 +70,18 @@ def blocks_of(place: str) -> list[Block]:
     """
     sweep, found = tacevo.open(place), dict[int, dict[tuple[str, ...], Block]]()
     assert isinstance(sweep, tacevo.Sweep)
-    for job in SweepDirectory(sweep.place.folder).read().jobs:
-        run = sweep.run(job.name)
-        for study in run.studies:
-            if study.is_noise or study.is_choice:
-                continue
-            trained: dict[str, list[ScoreLine]] = {}
-            for row in study.recorded.scores:
-                trained.setdefault(row.network, []).append(row)
-            for name, rows in trained.items():
-                if len(rows) != study.scores["seed"].nunique():
-                    raise ValueError(f"{place}, {job.name}: a training of {name} failed; expected none that did")
-                if name != "baseline":
-                    losses = np.array([[losses_of(run.recorded.stores, row) for row in rows]])
-                    ends = np.log([[row.metrics["cross_entropy"] for row in rows]])
-                    known = tuple(row.evaluation for row in rows)
-                    found.setdefault(job.seed, {})[known] = Block(np.minimum.accumulate(losses, axis=2), losses, ends)
+    for job, run, study in studied(sweep):
+        trained: dict[str, list[ScoreLine]] = {}
+        for row in study.recorded.scores:
+            trained.setdefault(row.network, []).append(row)
+        for name, rows in trained.items():
+            if len(rows) != study.scores["seed"].nunique():
+                raise ValueError(f"{place}, {job.name}: a training of {name} failed; expected none that did")
+            if name != "baseline":
+                losses = np.array([[losses_of(run.recorded.stores, row) for row in rows]])
+                ends = np.log([[row.metrics["cross_entropy"] for row in rows]])
+                known = tuple(row.evaluation for row in rows)
+                found.setdefault(job.seed, {})[known] = Block(np.minimum.accumulate(losses, axis=2), losses, ends)
     return [joined([*networks.values()]) for networks in found.values()]
 
 

@@ -12,7 +12,6 @@ Where several sweeps are given, the last one is the control.
 """
 
 import argparse
-import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -20,9 +19,10 @@ import pandas as pd
 from scipy.stats import wilcoxon
 
 import tacevo
-from analysis.statistics.effects import mean_with_interval
 from analysis.statistics.tests import holm
-from tacevo.storage.sweep_directory import SweepDirectory
+from benchmarks.written import geometric_mean
+from tacevo.api.studies import Study
+from tacevo.storage.sweep_directory import Job, SweepDirectory
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -36,7 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             parser.error(f"{place}: expected a sweep with studies; got a run")
         found.append({f"{place}: {arm}": values for arm, values in _arms(sweep).items()})
         for name, values in found[-1].items():
-            print(f"{name}: {_of(list(values.values()))} of the baseline's test loss, {len(values)} seeds")
+            print(
+                f"{name}: {geometric_mean(list(values.values()), 3)} of the baseline's test loss, {len(values)} seeds"
+            )
     *searches, controls = found
     pairs = {
         (name, control): [own[seed] - values[seed] for seed in sorted(own.keys() & values.keys())]
@@ -45,7 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     }
     corrected = holm([float(wilcoxon(each).pvalue) for each in pairs.values()]) if pairs else []
     for ((name, control), each), p in zip(pairs.items(), corrected, strict=True):
-        print(f"{control} against {name}: {_of(each)} of its ratio, {len(each)} seeds, p after Holm {p:.2g}")
+        print(
+            f"{control} against {name}: {geometric_mean(each, 3)} of its ratio, {len(each)} seeds, p after Holm {p:.2g}"
+        )
 
 
 def against_baseline(scores: pd.DataFrame) -> pd.DataFrame:
@@ -75,24 +79,24 @@ def chosen(scores: pd.DataFrame, worth: Callable[[pd.DataFrame], pd.DataFrame] =
         yield float(test.loc[test.index != seed, validation.loc[seed].idxmin()].mean())
 
 
-def _arms(sweep: tacevo.Sweep) -> dict[str, dict[int, float]]:
-    """Return the logarithm of the ratio of each job with a study, by arm and seed.
+def studied(sweep: tacevo.Sweep) -> Iterator[tuple[Job, tacevo.Run, Study]]:
+    """Yield each study that tests networks, with its job and run.
 
     Jobs are read one by one: those of the control differ in their networks too, so as a sweep they cannot be compared.
     """
-    arms: dict[str, dict[int, float]] = {}
     for job in SweepDirectory(sweep.place.folder).read().jobs:
-        for study in sweep.run(job.name).studies:
-            if study.is_noise or study.is_choice:
-                continue
-            arms.setdefault(job.arm, {})[job.seed] = float(np.mean([*chosen(study.scores)]))
+        run = sweep.run(job.name)
+        for study in run.studies:
+            if not (study.is_noise or study.is_choice):
+                yield job, run, study
+
+
+def _arms(sweep: tacevo.Sweep) -> dict[str, dict[int, float]]:
+    """Return the logarithm of the ratio of each job with a study, by arm and seed."""
+    arms: dict[str, dict[int, float]] = {}
+    for job, _, study in studied(sweep):
+        arms.setdefault(job.arm, {})[job.seed] = float(np.mean([*chosen(study.scores)]))
     return arms
-
-
-def _of(logarithms: Sequence[float]) -> str:
-    """Write a geometric mean with its 95 % interval."""
-    mean, low, high = map(math.exp, mean_with_interval(logarithms))
-    return f"{mean:.3f} [{low:.3f}, {high:.3f}]"
 
 
 if __name__ == "__main__":

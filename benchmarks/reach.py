@@ -37,6 +37,7 @@ from scipy.stats import norm
 from statsmodels.stats.multitest import multipletests
 
 from benchmarks.peers import openevolve_command, search_cost, serving
+from benchmarks.written import interval
 from tacevo.api.space_tables import SpaceTable as Opened
 from tacevo.choices import Numerics
 from tacevo.config.compose import compose
@@ -330,13 +331,19 @@ def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = (),
     return Mean(value, error, len(handed), len({one.network for one in handed}))
 
 
+def written(one: Mean) -> str:
+    """Write a geometric mean, or a ratio of two, with its 95 % interval (normal)."""
+    width = float(norm.ppf(0.975)) * one.error
+    return interval(math.exp(one.value), math.exp(one.value - width), math.exp(one.value + width), 3)
+
+
 def table(space: Space, ways: Mapping[str, Any]) -> str:
     """Lay out what each way hands over by each budget, and beside draws of as many epochs a training.
 
     A way with fewer than two searches has no row, since its error is not known. Without such draws a way has no row in
     the second table.
     """
-    width, ways = norm.ppf(0.975), {name: found for name, found in ways.items() if len(found["searches"]) > 1}
+    ways = {name: found for name, found in ways.items() if len(found["searches"]) > 1}
     lines = [
         f"| way | searches | {' | '.join(f'{budget} epochs' for budget in BUDGETS)} |",
         f"|---|---|{'---|' * len(BUDGETS)}",
@@ -346,9 +353,7 @@ def table(space: Space, ways: Mapping[str, Any]) -> str:
         shown = []
         for number, budget in enumerate(BUDGETS):
             handed = _of_budget(found, number)
-            one = mean(space, handed)
-            low, high = (math.exp(one.value + sign * width * one.error) for sign in (-1, 1))
-            shown.append(f"{math.exp(one.value):.3f} [{low:.3f}, {high:.3f}]")
+            shown.append(written(mean(space, handed)))
             rival = f"draws, {found['epochs']} epochs"
             if name != rival and rival in ways:
                 compared.append((name, budget, mean(space, handed, _of_budget(ways[rival], number))))
@@ -362,9 +367,7 @@ def table(space: Space, ways: Mapping[str, Any]) -> str:
         "|---|---|---|---|---|---|",
     ]
     for (name, budget, one), single, corrected in zip(compared, p, holm, strict=True):
-        low, high = (math.exp(one.value + sign * width * one.error) for sign in (-1, 1))
-        ratio = f"{math.exp(one.value):.3f} [{low:.3f}, {high:.3f}]"
-        lines.append(f"| {name} | {budget} | {ratio} | {single:.3g} | {corrected:.3g} | {one.networks} |")
+        lines.append(f"| {name} | {budget} | {written(one)} | {single:.3g} | {corrected:.3g} | {one.networks} |")
     return "\n".join(lines)
 
 

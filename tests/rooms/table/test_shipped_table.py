@@ -44,7 +44,7 @@ def test_page_says_what_the_judge_says(table: SpaceTable) -> None:
     worth = table.worth.set_index(["epochs", "rule"])
     assert set(worth["judged_by"]) == {"fresh"}
     assert fourth.split(" | ")[2] == f"{worth.loc[(10, 'lowest'), 'icc']:.2f}"
-    page, words = PAGE.replace("\n", " "), "\n".join(said)
+    words = "\n".join(said)
     for pattern, shown in (
         (r"(\d+) networks", "has the {} networks that a model"),
         (r"between networks 0\.0(\d)", "networks deviate by {} %"),
@@ -54,14 +54,12 @@ def test_page_says_what_the_judge_says(table: SpaceTable) -> None:
         (r"judged by that one: (0\.\d{3})", "put first has {} by the fifth"),
         (r"geometric mean (0\.\d{3})", "all 96 have {}"),
     ):
-        found = re.search(pattern, words)
-        assert found is not None, pattern
-        assert shown.format(found[1]) in page, shown
+        _check_said(words, pattern, shown)
 
 
 def test_page_says_what_two_genes_explain() -> None:
     """And how little is left among the networks that have both, as `benchmarks.space` prints it."""
-    said, page = "\n".join(figures(Space(read_table(TABLE)))), PAGE.replace("\n", " ")
+    said = "\n".join(figures(Space(read_table(TABLE))))
     for pattern, shown in (
         (r"two genes explain 0\.(\d\d)", "explain {} %"),
         (r"max, batch (0\.\d{3})", "means {} with both"),
@@ -71,9 +69,7 @@ def test_page_says_what_two_genes_explain() -> None:
         (r"of all: (0\.\d{3})", "first has {} by that one"),
         (r"last tenth of their epochs: (\d+)%", "{} % of the trainings"),
     ):
-        found = re.search(pattern, said)
-        assert found is not None, pattern
-        assert shown.format(found[1]) in page, shown
+        _check_said(said, pattern, shown)
 
 
 def test_page_says_how_good_networks_are(table: SpaceTable) -> None:
@@ -84,3 +80,10 @@ def test_page_says_how_good_networks_are(table: SpaceTable) -> None:
         f"median {losses.median():.3f}, baseline {losses.loc[0]:.3f}, trivial {read_table(TABLE).header.trivial:.2f}"
     )
     assert f"{least} to {most}, {middle}" in PAGE.replace("\n", " ")
+
+
+def _check_said(said: str, pattern: str, shown: str) -> None:
+    """Check that the page shows the figure that a pattern finds in what was computed now."""
+    found = re.search(pattern, said)
+    assert found is not None, pattern
+    assert shown.format(found[1]) in PAGE.replace("\n", " "), shown
