@@ -38,6 +38,7 @@ from analysis.statistics.seed_noise import deviations, icc
 from benchmarks.written import interval
 from tacevo.config.compose import compose
 from tacevo.config.task_texts import load_task
+from tacevo.data.dataset import Dataset, with_fingerprint
 from tacevo.evolution.surrogate import features
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.rendering import render
@@ -80,15 +81,31 @@ GENES: Mapping[str, Sequence[Any]] = {
 
 _COMMON = ("tracking=none", "training.epochs=20", "training.fitness=lowest")
 
-#: The settings of each pilot: those of the demo's data (400 images of 32 px train, 200 validate, 1,400 test) but for
-#: what stands here.
-PILOTS: Mapping[str, Sequence[str]] = {
-    "grating": (),
-    "fewer gratings, 100 train": ("data.images=1500", "data.validation_part=0.133", "data.test_part=0.8"),
-    "finer gratings": ("data.spacings_mm=[0.75,0.84,0.94,1.05,1.18,1.32,1.48]",),
-    "force": ("task=force",),
-    "hardness": ("task=hardness",),
-    "hardness, 60 epochs": ("task=hardness", "training.epochs=60"),
+
+class Setup(NamedTuple):
+    """What a pilot trains on, and how, beside the demo's data: 400 images of 32 px train, 200 validate, 1,400 test."""
+
+    settings: Sequence[str] = ()
+    #: Standard deviation of normal noise on the scaled labels of the training images alone, where labels are numbers.
+    noise: float = 0.0
+
+
+_FEWER = ("data.images=1500", "data.validation_part=0.133", "data.test_part=0.8")
+_SMALL_BATCHES = ("training.batch_size=8",)
+
+PILOTS: Mapping[str, Setup] = {
+    "grating": Setup(),
+    "fewer gratings, 100 train": Setup(_FEWER),
+    "finer gratings": Setup(("data.spacings_mm=[0.75,0.84,0.94,1.05,1.18,1.32,1.48]",)),
+    "force": Setup(("task=force",)),
+    "hardness": Setup(("task=hardness",)),
+    "hardness, 60 epochs": Setup(("task=hardness", "training.epochs=60")),
+    "fewer gratings, 100 train, batches of 8, 60 epochs": Setup((*_FEWER, *_SMALL_BATCHES, "training.epochs=60")),
+    "hardness, 100 train, batches of 8, 60 epochs": Setup(
+        ("task=hardness", *_FEWER, *_SMALL_BATCHES, "training.epochs=60")
+    ),
+    "hardness, batches of 8": Setup(("task=hardness", *_SMALL_BATCHES)),
+    "hardness, batches of 8, noisy labels": Setup(("task=hardness", *_SMALL_BATCHES), noise=0.1),
 }
 
 
@@ -109,7 +126,7 @@ class Pilot(NamedTuple):
 
 def settings_of(name: str) -> list[str]:
     """Return the overrides of a pilot's configuration."""
-    return ["experiment=demo", *_COMMON, *PILOTS[name]]
+    return ["experiment=demo", *_COMMON, *PILOTS[name].settings]
 
 
 def drawn(networks: int) -> list[dict[str, Any]]:
@@ -121,7 +138,7 @@ def drawn(networks: int) -> list[dict[str, Any]]:
 def trained(name: str, networks: int) -> dict[str, Any]:
     """Train a pilot, or what is left of it; return what `results/pilots.json` keeps of it."""
     config, view = compose([*settings_of(name), "store.root=build/pilots"]), Progress()
-    data = load_data(config, view)
+    data = with_noise(load_data(config, view), PILOTS[name].noise)
     task = load_task(config, data.facts)
     signature, genomes = parse(task.baseline).signature, drawn(networks)
     with Workbench(config, task, data.facts, Mode.record, data=data) as bench:
@@ -145,6 +162,16 @@ def trained(name: str, networks: int) -> dict[str, Any]:
                 found[kind][one.network][one.seed] = value
     seen = [None if row.profile is None else features(row.profile) for row in rows.values()]
     return {"epochs": config.training.epochs, "genomes": genomes, "features": seen, **found}
+
+
+def with_noise(data: Dataset, deviation: float) -> Dataset:
+    """Add normal noise to the scaled labels of the training images: what is validated and tested stays exact."""
+    if not deviation:
+        return data
+    targets = data.targets.copy()
+    noise = stream(0, "pilot", "noise").normal(scale=deviation, size=targets[data.train].shape)
+    targets[data.train] += noise.astype(targets.dtype)
+    return with_fingerprint(replace(data, targets=targets))
 
 
 def pilot_of(found: Mapping[str, Any]) -> Pilot:
