@@ -50,6 +50,7 @@ from tacevo.evolution.prompts import mutation_text
 from tacevo.evolution.state import SearchState
 from tacevo.gate.extraction import extract
 from tacevo.llm.grammar.provider import GrammarLLM, answer
+from tacevo.parts import Parents
 from tacevo.profile import Admitted
 from tacevo.randomness import stream
 from tacevo.records import ChatMessage, Completion, Mode, Rejection, Request
@@ -198,24 +199,31 @@ class _Trained:
         """Take a line and a state."""
 
 
-def searched(space: Space, seed: int, trainings: int, settings: Sequence[str]) -> list[Visit]:
-    """Search the table as `tacevo search experiment=table` does, decision by decision, until so many have trained."""
+def searched(
+    space: Space, seed: int, trainings: int, settings: Sequence[str], parents: Parents | None = None
+) -> list[Visit]:
+    """Search the table as `tacevo search experiment=table` does, decision by decision, until so many have trained.
+
+    A rule for `parents` that is given decides in this process, which is faster than a part's own.
+    """
     config = compose(["experiment=table", f"data.root={space.table.path}", f"seed={seed}", "tracking=none", *settings])
     visits = []
-    for line in _lines(space, config, trainings)[:trainings]:
+    for line in _lines(space, config, trainings, parents)[:trainings]:
         row = space.rows[str(line.source)]
         drawn = recorded_seeds(space.table, seed, space.table.networks[row].source)[training_seed(seed, 0)]
         visits.append(space.visit(row, drawn, config.training.epochs))
     return visits
 
 
-def _lines(space: Space, config: RunConfig, trainings: int) -> list[CandidateLine]:
+def _lines(space: Space, config: RunConfig, trainings: int, parents: Parents | None) -> list[CandidateLine]:
     """Search until so many networks have trained, or to the experiment's end; return the line of each."""
     data = load_data(config, Progress())
     task = load_task(config, data.facts)
     notes, seed = _Trained(), training_seed(config.seed, 0)
     with Decisions(stores_of(config).of("decisions", Mode.record)) as decisions:
         plan = build_plan(config, task, data.facts, Mode.record, parts=Parts.of(config, decisions))
+        if parents is not None:
+            plan = replace(plan, settings=replace(plan.settings, parents=parents))
         with Workbench(config, task, data.facts, Mode.live, data=data) as bench:
             effects, evaluator = bench.effects(CURRENT), bench.evaluator(CURRENT)
 
@@ -352,11 +360,11 @@ def table(space: Space, ways: Mapping[str, Any]) -> str:
     for name, found in ways.items():
         shown = []
         for number, budget in enumerate(BUDGETS):
-            handed = _of_budget(found, number)
+            handed = of_budget(found, number)
             shown.append(written(mean(space, handed)))
             rival = f"draws, {found['epochs']} epochs"
             if name != rival and rival in ways:
-                compared.append((name, budget, mean(space, handed, _of_budget(ways[rival], number))))
+                compared.append((name, budget, mean(space, handed, of_budget(ways[rival], number))))
         lines.append(f"| {name} | {len(found['searches'])} | {' | '.join(shown)} |")
     # without an error, but for the last bits, there is no difference either: the same networks, by the same seeds
     p = [2 * float(norm.sf(abs(one.value / one.error))) if one.error > 1e-9 else 1.0 for _, _, one in compared]
@@ -371,11 +379,18 @@ def table(space: Space, ways: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _of_budget(found: Mapping[str, Any], number: int) -> list[Handed]:
+def of_budget(found: Mapping[str, Any], number: int) -> list[Handed]:
+    """Return what the searches of a way handed over after the budget of a number."""
     return [Handed(search[number][0], (search[number][1],)) for search in found["searches"]]
 
 
-def reach(space: Space, place: Path, searches: int, fewer: int) -> dict[str, Any]:
+def reach(
+    space: Space,
+    place: Path,
+    searches: int,
+    fewer: int,
+    ways_of: Callable[[Space, Path], Mapping[str, Way]] = ways_of,
+) -> dict[str, Any]:
     """Search in every way until there are so many searches of it, in turn; return what each handed over.
 
     Args:
@@ -383,6 +398,7 @@ def reach(space: Space, place: Path, searches: int, fewer: int) -> dict[str, Any
         place: of the file, which has all finished searches at any time; those that it has are not made again.
         searches: of each way; the seeds are from 0.
         fewer: of openevolve.
+        ways_of: returns the ways, of a space and a store for those that need one.
 
     Raises:
         SystemExit: the file is of another table, or of other budgets.
