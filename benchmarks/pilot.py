@@ -35,6 +35,7 @@ from sklearn.linear_model import RidgeCV
 from sklearn.model_selection import KFold, cross_val_predict
 
 from analysis.statistics.seed_noise import deviations, icc
+from benchmarks.space import AS_GOOD
 from benchmarks.written import interval
 from tacevo.config.compose import compose
 from tacevo.config.task_texts import load_task
@@ -59,9 +60,6 @@ SEEDS = 2
 
 #: Numbers of trainings between which draws shall still gain.
 DRAWN = (50, 200)
-
-#: A loss within this factor of the best one's is as good.
-AS_GOOD = 1.1
 
 RESAMPLES = 2000
 

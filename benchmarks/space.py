@@ -23,6 +23,9 @@ from tacevo.results.space_table import read_table
 #: The two genes that matter, with their better values.
 GOOD = {"down": "max", "norm": "batch"}
 
+#: A loss within this factor of the best one's is as good.
+AS_GOOD = 1.1
+
 #: Epochs whose fitness is looked at.
 EPOCHS = (1, 3, 5, 10, 20)
 
@@ -58,7 +61,8 @@ def judged(space: Space) -> Iterator[str]:
     yield f"tau of that mean with the mean of the recorded seeds {agreement(recorded, means):.2f}"
     yield f"best by all seeds but one, judged by that one: {np.exp(best):.3f}"
     levels = shrunken(np.log(tests))
-    yield f"within 10 % of the best, by means shrunk to that of all: {(levels <= levels.min() + np.log(1.1)).sum()}"
+    good = (levels <= levels.min() + np.log(AS_GOOD)).sum()
+    yield f"within {AS_GOOD - 1:.0%} of the best, by means shrunk to that of all: {good}"
     yield from rows_of([space.opened.worth])
 
 
