@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from scipy.stats import norm
-from statsmodels.stats.multitest import multipletests
 
+from analysis.statistics.tests import holm
 from benchmarks import reach
 from benchmarks.bounded_parents import LowerBound
 from benchmarks.reach import BUDGETS, Mean, Space, Way, mean, of_budget, searched, written
@@ -67,8 +67,7 @@ def table_lines(space: Space, ways: Mapping[str, Any], rivals: Mapping[str, Any]
     p = [2 * float(norm.sf(abs(one.value / one.error))) for *_, one in found]
     yield "| way | epochs | beside | epochs | loss, of theirs [95 %] | p | after Holm |"
     yield f"|{'---|' * 7}"
-    holm = multipletests(p, method="holm")[1]
-    for (name, rival, own, other, one), single, corrected in zip(found, p, holm, strict=True):
+    for (name, rival, own, other, one), single, corrected in zip(found, p, holm(p), strict=True):
         beside = f"{rival.partition(',')[0]} | {other}"
         yield f"| {name} | {own} | {beside} | {written(one)} | {single:.3g} | {corrected:.3g} |"
 

@@ -1,6 +1,7 @@
 """Promise: a pilot says whether a space can tell networks apart, and luck does not make it look better."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,11 @@ from benchmarks.pilot import (
     strongest,
     table_lines,
     with_bootstrap,
+    with_noise,
 )
+from tacevo.config.compose import compose
+from tacevo.runs.datasets import load_data
+from tacevo.runs.progress import Progress
 
 pytestmark = pytest.mark.room("table", "noise", "surrogate", "grammar")
 
@@ -93,6 +98,17 @@ def test_failed_network_is_left_out() -> None:
     found = pilot_of({"epochs": 20, "genomes": genomes, "features": [{"x": 1.0}] * 3, **losses})
     assert found.genes.to_dict("list") == {"a": [0, 2]}  # a gene that does not vary says nothing
     assert found.tests.shape == (2, 2)
+
+
+def test_noise_is_on_the_labels_that_train_alone(place: Path) -> None:
+    """What is validated and tested stays exact; the data set has another fingerprint, so nothing is recalled for it."""
+    made = load_data(compose(["experiment=demo", "task=hardness", "data.images=20", f"store.root={place}"]), Progress())
+    noisy = with_noise(made, 0.1)
+    held_out = np.concatenate([made.validation, made.test])
+    assert np.array_equal(noisy.targets[held_out], made.targets[held_out])
+    assert (noisy.targets[made.train] != made.targets[made.train]).all()
+    assert noisy.facts.fingerprint != made.facts.fingerprint
+    assert with_noise(made, 0.0) is made
 
 
 def test_page_shows_the_pilots() -> None:
