@@ -15,12 +15,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from scipy.stats import norm
-
 from analysis.statistics.tests import holm
 from benchmarks import reach
 from benchmarks.bounded_parents import LowerBound
-from benchmarks.reach import BUDGETS, Mean, Space, Way, mean, of_budget, searched, written
+from benchmarks.reach import BUDGETS, Mean, Space, Way, mean, of_budget, p_value, searched, written
 from tacevo.config.compose import compose
 from tacevo.results.space_table import read_table
 
@@ -64,7 +62,7 @@ def comparisons(
 def table_lines(space: Space, ways: Mapping[str, Any], rivals: Mapping[str, Any]) -> Iterator[str]:
     """Yield the table of all comparisons, with p values before and after Holm over all of them."""
     found = [*comparisons(space, ways, rivals)]
-    p = [2 * float(norm.sf(abs(one.value / one.error))) for *_, one in found]
+    p = [p_value(one) for *_, one in found]
     yield "| way | epochs | beside | epochs | loss, of theirs [95 %] | p | after Holm |"
     yield f"|{'---|' * 7}"
     for (name, rival, own, other, one), single, corrected in zip(found, p, holm(p), strict=True):

@@ -345,6 +345,13 @@ def written(one: Mean) -> str:
     return interval(math.exp(one.value), math.exp(one.value - width), math.exp(one.value + width), 3)
 
 
+def p_value(one: Mean) -> float:
+    """Return the two-sided p of a difference that is 0 by the null hypothesis (normal)."""
+    if one.error < 1e-9:  # but for the last bits: the same networks, by the same seeds, so there is no difference
+        return 1.0
+    return 2 * float(norm.sf(abs(one.value / one.error)))
+
+
 def table(space: Space, ways: Mapping[str, Any]) -> str:
     """Lay out what each way hands over by each budget, and beside draws of as many epochs a training.
 
@@ -366,8 +373,7 @@ def table(space: Space, ways: Mapping[str, Any]) -> str:
             if name != rival and rival in ways:
                 compared.append((name, budget, mean(space, handed, of_budget(ways[rival], number))))
         lines.append(f"| {name} | {len(found['searches'])} | {' | '.join(shown)} |")
-    # without an error, but for the last bits, there is no difference either: the same networks, by the same seeds
-    p = [2 * float(norm.sf(abs(one.value / one.error))) if one.error > 1e-9 else 1.0 for _, _, one in compared]
+    p = [p_value(one) for _, _, one in compared]
     holm = multipletests(p, method="holm")[1]
     lines += [
         "",
