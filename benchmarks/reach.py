@@ -54,7 +54,7 @@ from tacevo.parts import Parents
 from tacevo.profile import Admitted
 from tacevo.randomness import stream
 from tacevo.records import ChatMessage, Completion, Mode, Rejection, Request
-from tacevo.results.judged_loss import fresh_losses, log_loss
+from tacevo.results.judged_loss import fresh_losses, judged_loss, log_loss
 from tacevo.results.space_table import read_table
 from tacevo.results.table_records import Header, SpaceTable
 from tacevo.rules import CURRENT
@@ -110,16 +110,22 @@ class Space:
 
     def __init__(self, table: SpaceTable) -> None:
         self.table, self.opened = table, Opened(table)
-        full = [
-            [table.verdicts[row, seed] for seed in range(len(table.header.seeds))] for row in range(len(table.networks))
-        ]
-        sound = [[one for one in seeds if isinstance(one, FullTraining)] for seeds in full]
-        #: The validation loss, by network, seed, and number of epochs less one; no training may have failed.
-        self.losses = np.array([[one.training.validation_losses for one in row] for row in sound])
+        seeds, epochs = range(len(table.header.seeds)), table.header.settings.training.epochs
+        verdicts = [[table.verdicts.get((row, seed)) for seed in seeds] for row in range(len(table.networks))]
+        lost = (math.nan,) * epochs
+        #: The validation loss, by network, seed, and number of epochs less one; not a number where a training failed.
+        self.losses = np.array(
+            [
+                [one.training.validation_losses if isinstance(one, FullTraining) else lost for one in row]
+                for row in verdicts
+            ]
+        )
         #: The lowest so far.
         self.lowest = np.minimum.accumulate(self.losses, axis=2)
         #: The test loss, by network and seed.
-        self.tests = np.array([[one.metrics["cross_entropy"] for one in row] for row in sound])
+        self.tests = np.array(
+            [[table.test_loss(row, seed) for seed in seeds] for row in range(len(verdicts))], dtype=float
+        )
         self.rows = {network.sha256: row for row, network in enumerate(table.networks)}
         #: What the gate says of an answer, by its text: searches have most answers in common.
         self.admitted: dict[str, Admitted | Rejection] = {}
@@ -312,19 +318,21 @@ def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = (),
     Where they are `paired`, the searches of both have the same luck one by one, so their differences vary less. The
     error is of the searches, and of the training seeds that judge, those of `SpaceTable.unseen_loss`: searches which
     hand the same network over share its judges, so that many searches do not make them more. The noise of a seed is
-    taken as that of the networks here, of each under the seeds of which some judge it.
+    taken as that of the networks here, of each under the seeds of which some judge it. Where a training of a network
+    that was handed over failed, the mean is infinite and has no error.
     """
-    value, fresh = 0.0, fresh_losses(space.table)
-    cells: Counter[tuple[int, int]] = Counter()
+    fresh, cells = fresh_losses(space.table), Counter[tuple[int, int]]()
     losses = [
-        np.array([space.opened.unseen_loss(one.network, seen=one.seen) for one in group])
+        np.array([judged_loss(space.table, one.network, one.seen) for one in group])
         for group in (handed, against)
         if group
     ]
+    value = sum(sign * float(own.mean()) for sign, own in zip((1, -1), losses, strict=False))
+    if not np.isfinite(np.concatenate(losses)).all():
+        return Mean(value, math.nan, len(handed), len({one.network for one in handed}))
     varied = [losses[0] - losses[1]] if paired else losses
     variance = sum(float(np.var(each, ddof=1)) / len(each) for each in varied)
-    for sign, group, own in zip((1, -1), (handed, against), losses, strict=False):
-        value += sign * float(own.mean())
+    for sign, group in zip((1, -1), (handed, against), strict=True):
         for one in group:
             if one.network in fresh:
                 left = [*range(len(fresh[one.network]))]
@@ -347,7 +355,7 @@ def written(one: Mean) -> str:
 
 def p_value(one: Mean) -> float:
     """Return the two-sided p of a difference that is 0 by the null hypothesis (normal)."""
-    if one.error < 1e-9:  # but for the last bits: the same networks, by the same seeds, so there is no difference
+    if not one.error > 1e-9:  # none at all; or but for the last bits: the same networks, judged by the same seeds
         return 1.0
     return 2 * float(norm.sf(abs(one.value / one.error)))
 

@@ -5,8 +5,8 @@
 
 Nothing is timed, so one contender searches after the other. What is known is written after each search: the same
 command goes on where it was stopped, until each contender has so many. A search hands over once for each budget: its
-network of the lowest fitness, which is judged by the seeds that have not evaluated it. A contender of shorter trainings
-has more of them, so that a budget is one of epochs.
+network of the lowest fitness. The file holds that network and the seed that evaluated it, so that another judge of the
+table needs no new search. A contender of shorter trainings has more of them, so that a budget is one of epochs.
 """
 
 import argparse
@@ -19,14 +19,16 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.peers_table import ours
-from benchmarks.peers_table.asking import Optimiser, Visit, handed_over, visits
+from benchmarks.peers_table.asking import Genes, Optimiser, Visit, handed_over, visits
 from benchmarks.peers_table.figures import REFERENCE, table
+from benchmarks.reach import Space
 from benchmarks.record import with_table
 from tacevo.api.space_problems import SpaceProblem
 from tacevo.api.space_tables import open_table
 from tacevo.environment import checked_out
 from tacevo.records import to_json
 from tacevo.results.space_table import read_table
+from tacevo.results.table_records import SpaceTable
 from tacevo.storage.files import write_durably
 
 TABLE = Path("cache/tables/grating-space.zip")
@@ -67,13 +69,12 @@ LIBRARIES = ("optuna", "nevergrad", "ribs", "smac")
 Contender = tuple[int, Callable[[int], list[Visit]]]
 
 
-def contenders(path: Path, problem: SpaceProblem) -> dict[str, Contender]:
+def contenders(rows: SpaceTable, problem: SpaceProblem) -> dict[str, Contender]:
     """Return all who search a table, by name.
 
     Raises:
         ModuleNotFoundError: a library of theirs is not installed.
     """
-    rows = read_table(path)
 
     def asked(optimiser: Optimiser, epochs: int) -> Contender:
         trainings, failed = _trainings(epochs)[-1], rows.header.trivial
@@ -95,24 +96,29 @@ def _trainings(epochs: int) -> list[int]:
     return [budget * EPOCHS // epochs for budget in BUDGETS]
 
 
-def ends(contender: Contender, problem: SpaceProblem, seed: int) -> tuple[list[float], int]:
-    """Search; return what is handed over after each budget (`handed_over`), and the number of trainings."""
+def searched(contender: Contender, seed: int) -> tuple[list[Visit], int]:
+    """Search; return what is handed over after each budget, and the number of trainings."""
     epochs, search = contender
     found, budgets = search(seed), _trainings(epochs)
-    return [round(handed_over(problem, found, budget), 6) for budget in budgets], min(len(found), budgets[-1])
+    return [handed_over(found, budget) for budget in budgets], min(len(found), budgets[-1])
 
 
-def begun(results: Path, digest: str, judge: str | None, rivals: dict[str, Contender]) -> dict[str, Any]:
+def row_of(table: SpaceTable, genes: Genes) -> int:
+    """Find a network of a table by its genes."""
+    return next(row for row, network in enumerate(table.networks) if network.genome == genes)
+
+
+def begun(results: Path, digest: str, rivals: dict[str, Contender]) -> dict[str, Any]:
     """Return what a file holds, or a beginning without a search.
 
     Raises:
-        RuntimeError: it is of another table or judge, of other contenders, or of other versions of their libraries.
+        RuntimeError: it is of another table, of other contenders, or of other versions of their libraries.
     """
     libraries = {name: version(name) for name in LIBRARIES}
-    asked = {"table": digest, "judge": judge, "epochs": EPOCHS, "budgets": list(BUDGETS), "libraries": libraries}
+    asked = {"table": digest, "epochs": EPOCHS, "budgets": list(BUDGETS), "libraries": libraries}
     names = {name: epochs for name, (epochs, _) in rivals.items()}
     if not results.exists():
-        return {**asked, "contenders": {n: {"epochs": e, "ends": [], "trainings": []} for n, e in names.items()}}
+        return {**asked, "contenders": {n: {"epochs": e, "searches": [], "trained": []} for n, e in names.items()}}
     measured: dict[str, Any] = json.loads(results.read_text(encoding="utf-8"))
     if {key: measured.get(key) for key in asked} != asked or measured["contenders"].keys() != names.keys():
         raise RuntimeError(f"{results} holds other searches; move it away, or name another file with --results")
@@ -136,19 +142,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = [*OPTIMISERS, *OURS]
     if unknown := [name for name in given.only or () if name not in names]:
         parser.error(f"--only: expected some of {'; '.join(names)}; got {'; '.join(unknown)}")
-    problem = (opened := open_table(given.table)).as_problem()
-    rivals = contenders(given.table, problem)
-    judge = read_table(given.table).judge
-    measured = begun(given.results, opened.digest, None if judge is None else judge.digest, rivals)
+    space, problem = Space(read_table(given.table)), open_table(given.table).as_problem()
+    rivals = contenders(space.table, problem)
+    measured = begun(given.results, space.table.digest, rivals)
     for name in given.only or rivals:
         known = measured["contenders"][name]
-        for seed in range(len(known["ends"]), given.searches):
-            losses, trainings = ends(rivals[name], problem, seed)
-            known["ends"].append(losses)
-            known["trainings"].append(trainings)
+        for seed in range(len(known["searches"]), given.searches):
+            handed, trained = searched(rivals[name], seed)
+            known["searches"].append([[row_of(space.table, visit.genes), visit.seed] for visit in handed])
+            known["trained"].append(trained)
             measured["date"], measured["checkout"] = datetime.date.today().isoformat(), to_json(checked_out())
             write_durably(given.results, f"{json.dumps(measured)}\n".encode())
-    lines = list(table(measured))
+    lines = list(table(space, measured))
     print("\n".join(lines))
     if given.results == RESULTS:
         PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), lines, BEGIN, END), encoding="utf-8")

@@ -3,65 +3,44 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.stats import ttest_ind
-from statsmodels.stats.multitest import multipletests
-
-from tacevo.randomness import stream
+from analysis.statistics.tests import holm
+from benchmarks.reach import Space, mean, of_budget, p_value, written
 
 #: The contender that all others are compared with.
 REFERENCE = "random draws"
 
-#: Resamples of an interval.
-RESAMPLES = 4_000
+
+def differs(space: Space, contenders: Mapping[str, Any], budgets: int) -> set[tuple[str, int]]:
+    """Return the contenders that differ from draws, each with the number of a budget: p < 0.05 after Holm over all."""
+    asked = [(name, at) for name in contenders if name != REFERENCE for at in range(budgets)]
+    if not asked or REFERENCE not in contenders:
+        return set()
+    draws = contenders[REFERENCE]
+    p = [p_value(mean(space, of_budget(contenders[name], at), of_budget(draws, at))) for name, at in asked]
+    return {one for one, corrected in zip(asked, holm(p), strict=True) if corrected < 0.05}
 
 
-def interval(logs: ArrayLike) -> tuple[float, float, float]:
-    """Return the geometric mean of losses, and its 95 % interval: a bootstrap over the searches, percentiles.
-
-    Args:
-        logs: the logarithm of a loss, of each search.
-    """
-    values = np.asarray(logs, dtype=np.float64)
-    rows = stream(0, "peers_table", "bootstrap").integers(len(values), size=(RESAMPLES, len(values)))
-    low, high = np.quantile(values[rows].mean(axis=1), [0.025, 0.975])
-    return float(np.exp(values.mean())), float(np.exp(low)), float(np.exp(high))
-
-
-def differs(ends: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.bool_]]:
-    """Answer, of each contender and budget, whether its searches differ from draws: Welch's t of logs, Holm over all.
-
-    Args:
-        ends: of each contender, shape (searches, budgets); `REFERENCE` is among them.
-    """
-    others = [name for name in ends if name != REFERENCE]
-    tests = np.array([ttest_ind(ends[name], ends[REFERENCE], equal_var=False).pvalue for name in others])
-    rejected = multipletests(np.nan_to_num(tests.ravel(), nan=1.0), method="holm")[0].reshape(tests.shape)
-    return dict(zip(others, rejected, strict=True))
-
-
-def table(measured: Mapping[str, Any]) -> Iterator[str]:
+def table(space: Space, measured: Mapping[str, Any]) -> Iterator[str]:
     """Write the lines of a Markdown table, the best after most trainings first; one search has no row.
 
     Args:
+        space: of the table that was searched; its judge says how good a network is.
         measured: what `benchmarks.peers_table` writes.
     """
-    contenders = measured["contenders"].items()
-    ends = {name: np.array(one["ends"], dtype=np.float64) for name, one in contenders if len(one["ends"]) > 1}
-    means = {name: logs.mean(axis=0) for name, logs in ends.items()}
-    best = [list(means)[row] for row in np.argmin(list(means.values()), axis=0)] if means else []
-    told = differs(ends) if len(ends) > 1 and REFERENCE in ends else {}
+    contenders = {name: one for name, one in measured["contenders"].items() if len(one["searches"]) > 1}
+    budgets = measured["budgets"]
+    means = {name: [mean(space, of_budget(one, at)) for at in range(len(budgets))] for name, one in contenders.items()}
+    best = [min(means, key=lambda name, at=at: means[name][at].value) for at in range(len(budgets)) if means]
+    told = differs(space, contenders, len(budgets))
     libraries = ", ".join(f"{name} {number}" for name, number in measured["libraries"].items())
     yield f"Measured on {measured['date']}, with {libraries}."
     yield ""
-    yield f"| trainings of {measured['epochs']} epochs | searches | {' | '.join(map(str, measured['budgets']))} |"
-    yield f"|---|---|{'---|' * len(measured['budgets'])}"
-    for name in sorted(ends, key=lambda name: float(means[name][-1])):
+    yield f"| trainings of {measured['epochs']} epochs | searches | {' | '.join(map(str, budgets))} |"
+    yield f"|---|---|{'---|' * len(budgets)}"
+    for name in sorted(means, key=lambda name: means[name][-1].value):
         cells = []
-        for at, lowest in enumerate(best):
-            mean, low, high = interval(ends[name][:, at])
-            shown = f"**{mean:.3f}**" if name == lowest else f"{mean:.3f}"
-            mark = r"\*" if name in told and told[name][at] else ""
-            cells.append(f"{shown}{mark} [{low:.3f}, {high:.3f}]")
-        yield f"| {name} | {len(ends[name])} | {' | '.join(cells)} |"
+        for at, one in enumerate(means[name]):
+            shown, interval = written(one).split(" ", 1)
+            mark = r"\*" if (name, at) in told else ""
+            cells.append(f"{f'**{shown}**' if name == best[at] else shown}{mark} {interval}")
+        yield f"| {name} | {means[name][0].searches} | {' | '.join(cells)} |"

@@ -1,8 +1,10 @@
 """Promise: all who search the table meet equal terms, and other seeds than theirs judge what they hand over."""
 
+import json
 import math
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,12 +12,14 @@ from made_up import TINY, made_up_table
 
 import tacevo
 from benchmarks.peers_table import ours
-from benchmarks.peers_table.__main__ import main
+from benchmarks.peers_table.__main__ import PAGE, RESULTS, TABLE, main, row_of
 from benchmarks.peers_table.asking import MOST_ASKED, Choices, Genes, Optimiser, Visit, handed_over, visits
 from benchmarks.peers_table.by_pyribs import map_elites
-from benchmarks.peers_table.figures import REFERENCE, differs, interval, table
+from benchmarks.peers_table.figures import REFERENCE, differs, table
 from benchmarks.peers_table.plain import POPULATION, draws, regularised_evolution
+from benchmarks.reach import Handed, Space, mean
 from tacevo.api.space_problems import SpaceProblem
+from tacevo.results.space_table import read_table
 from tacevo.results.table_records import SpaceTable
 
 pytestmark = pytest.mark.room("table")
@@ -88,16 +92,24 @@ def test_failed_network_is_told_and_never_handed_over(problem: SpaceProblem, row
     found = visits(asks([failed, other], told), problem, seed=0, trainings=2, epochs=2, failed=0.0)
     assert told == [0.0]
     assert found[0].fitness == math.inf
-    assert handed_over(problem, found, 2) == problem.judge(other, seen=[found[1].seed])
+    assert handed_over(found, 2).genes == other
 
 
-def test_fittest_within_the_budget_is_judged_by_other_seeds(problem: SpaceProblem, rows: SpaceTable) -> None:
-    """Neither a later network nor the training that chose counts."""
-    one, two, three, *_ = (genes for genes in every(problem, rows) if problem.evaluate(genes, seed=0, epochs=1).losses)
-    found = [Visit(one, 0, 0.5), Visit(two, 1, 0.4), Visit(three, 2, 0.1)]
-    assert handed_over(problem, found, 1) == problem.judge(one, seen=[0])
-    assert handed_over(problem, found, 2) == problem.judge(two, seen=[1])
-    assert handed_over(problem, found, 9) == problem.judge(three, seen=[2])
+def test_fittest_within_the_budget_is_handed_over() -> None:
+    """No later network counts; of equally fit ones the first is taken."""
+    found = [Visit({"a": number}, 0, fitness) for number, fitness in enumerate([0.5, 0.4, 0.4, 0.1])]
+    assert [handed_over(found, trainings).genes["a"] for trainings in (1, 2, 3, 9)] == [0, 1, 1, 3]
+
+
+def test_what_is_handed_over_is_judged_by_other_seeds(problem: SpaceProblem, rows: SpaceTable) -> None:
+    """A network is found in the table by its genes, in whatever order they come."""
+    listed = every(problem, rows)
+    for genes in listed:
+        row = row_of(rows, dict(reversed(genes.items())))
+        for seed in range(problem.seeds):
+            judged = mean(Space(rows), [Handed(row, (seed,))] * 2).value
+            assert judged == pytest.approx(problem.judge(genes, seen=[seed]))
+    assert len(listed) == 8
 
 
 @pytest.mark.parametrize("optimiser", [draws, regularised_evolution, map_elites])
@@ -133,29 +145,39 @@ def test_search_of_ours_is_of_this_table(problem: SpaceProblem, rows: SpaceTable
         assert visit.fitness == problem.evaluate(visit.genes, seed=visit.seed, epochs=2).fitness
     keys = [tuple(visit.genes.values()) for visit in found[1:]]
     assert len(set(keys)) == len(keys)
-    assert handed_over(problem, found, 4) < math.inf
+    assert handed_over(found, 4).fitness < math.inf
+    assert row_of(rows, handed_over(found[:1], 4).genes) > 0
 
 
-def test_interval_and_verdicts_follow_from_the_searches() -> None:
-    """The geometric mean lies within; equal searches are not told apart, others are; the table says it."""
-    rng = np.random.default_rng(0)
-    logs = {REFERENCE: rng.normal(-1, 0.1, (50, 2)), "same": rng.normal(-1, 0.1, (50, 2))}
-    logs["better"] = logs[REFERENCE] - [0.5, 0]
-    mean, low, high = interval(logs["better"][:, 0])
-    assert mean == pytest.approx(np.exp(logs["better"][:, 0].mean()))
-    assert low < mean < high < mean * 1.1
-    told = differs(logs)
-    assert {name: verdict.tolist() for name, verdict in told.items()} == {
-        "same": [False, False],
-        "better": [True, False],
-    }
-    contenders = {name: {"ends": ends.tolist()} for name, ends in logs.items()} | {"begun": {"ends": [[-1.0, -1.0]]}}
-    said = {"date": "today", "libraries": {"ribs": "1"}, "epochs": 10, "budgets": [5, 9], "contenders": contenders}
-    lines = list(table(said))
+def _measured(searches: dict[str, list[int]]) -> dict[str, Any]:
+    """Write what searches handed over, by the rows of networks: each after both budgets, seen by the first seed."""
+    found = {name: {"searches": [[[row, 0]] * 2 for row in networks]} for name, networks in searches.items()}
+    return {"date": "today", "libraries": {"ribs": "1"}, "epochs": 10, "budgets": [5, 9], "contenders": found}
+
+
+def test_table_tells_searches_apart_that_differ(rows: SpaceTable) -> None:
+    """The best comes first; who hands over the worst network is behind draws, who hands over what they do is not."""
+    space = Space(rows)
+    losses = {row: mean(space, [Handed(row, (0,))] * 2).value for row in range(len(rows.networks))}
+    low, *_, high = sorted((row for row, loss in losses.items() if math.isfinite(loss)), key=lambda row: losses[row])
+    searches = {REFERENCE: [low] * 50, "same": [low] * 50, "worse": [high] * 50, "begun": [low]}
+    measured = _measured(searches)
+    told = differs(space, {name: measured["contenders"][name] for name in (REFERENCE, "same", "worse")}, 2)
+    lines = [*table(space, measured)]
+    first, *_, last = lines[4:]
+    assert told <= {("worse", 0), ("worse", 1)}
+    assert last.count("\\*") == len(told)
+    assert f"**{math.exp(losses[low]):.3f}**" in first
+    assert last.startswith(f"| worse | 50 | {math.exp(losses[high]):.3f}")
     assert not any(line.startswith("| begun") for line in lines)
-    (row,) = (line for line in lines if line.startswith("| better "))
-    assert row.startswith(f"| better | 50 | **{mean:.3f}**\\* [{low:.3f}, {high:.3f}] | ")
-    assert row.count("\\*") == 1
+
+
+def test_network_that_failed_tells_nothing_apart(rows: SpaceTable) -> None:
+    """Who hands it over has an infinite loss, and no error of it is known."""
+    measured = _measured({REFERENCE: [1] * 5, "failed": [3] * 5})
+    lines = [*table(Space(rows), measured)]
+    assert lines[-1].startswith("| failed | 5 | inf")
+    assert "\\*" not in lines[-1]
 
 
 @pytest.mark.parametrize(
@@ -179,8 +201,13 @@ def test_arguments_are_checked_before_anything_is_opened(
     assert not list(tmp_path.iterdir())
 
 
-def test_table_without_a_row_is_its_head() -> None:
+def test_table_without_a_row_is_its_head(rows: SpaceTable) -> None:
     """Of contenders with one search each, or none, there is no interval."""
-    contenders = {REFERENCE: {"ends": [[-1.0, -1.0]]}, "begun": {"ends": []}}
-    said = {"date": "today", "libraries": {"ribs": "1"}, "epochs": 10, "budgets": [5, 9], "contenders": contenders}
-    assert len(list(table(said))) == 4
+    assert len([*table(Space(rows), _measured({REFERENCE: [1], "begun": []}))]) == 4
+
+
+def test_page_shows_what_was_handed_over() -> None:
+    """Every figure is computed from results/peers-table.json, by the judge of today's table."""
+    measured = json.loads(RESULTS.read_text(encoding="utf-8"))
+    page = PAGE.read_text(encoding="utf-8")
+    assert "\n".join(table(Space(read_table(TABLE)), measured)) in page
