@@ -10,7 +10,6 @@ after 200 epochs, beside the rival's after 400.
 """
 
 import argparse
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -54,8 +53,8 @@ def comparisons(
         count = len(found["searches"])
         for rival in (PUBLISHED, DRAWS):
             for own, other in [(number, number) for number in range(last + 1)] + [(last - 1, last)]:
-                against = of_budget(rivals[rival], other)[:count]
-                difference = mean(space, of_budget(found, own), against, paired=rival == PUBLISHED)
+                against, paired = of_budget(rivals[rival], other), rival == PUBLISHED
+                difference = mean(space, of_budget(found, own), against[:count] if paired else against, paired=paired)
                 yield name, rival, BUDGETS[own], BUDGETS[other], difference
 
 
@@ -76,8 +75,11 @@ def main() -> None:
     parser.add_argument("--searches", type=int, default=0, metavar="N", help="of each way, those recorded included")
     options = parser.parse_args()
     space = Space(read_table(Path(compose(["experiment=table"]).data.root or "")))
+    rivals = reach.reach(space, reach.RESULTS, 0, 0)  # as they are recorded
+    least, most = 2, len(rivals[PUBLISHED]["searches"])
+    if options.searches and not least <= options.searches <= most:
+        parser.error(f"--searches: expected {least} to {most}, which have a rival each; got {options.searches}")
     ways = reach.reach(space, RESULTS, options.searches, 0, ways_of)
-    rivals: dict[str, Any] = json.loads(reach.RESULTS.read_text(encoding="utf-8"))["ways"]
     print("\n".join(table_lines(space, ways, rivals)))
 
 

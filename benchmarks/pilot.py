@@ -163,9 +163,15 @@ def trained(name: str, networks: int) -> dict[str, Any]:
 
 
 def with_noise(data: Dataset, deviation: float) -> Dataset:
-    """Add normal noise to the scaled labels of the training images: what is validated and tested stays exact."""
+    """Add normal noise to the scaled labels of the training images: what is validated and tested stays exact.
+
+    Raises:
+        ValueError: the labels are classes.
+    """
     if not deviation:
         return data
+    if not np.issubdtype(data.targets.dtype, np.floating):
+        raise ValueError("noise: expected labels that are numbers; got classes")
     targets = data.targets.copy()
     noise = stream(0, "pilot", "noise").normal(scale=deviation, size=targets[data.train].shape)
     targets[data.train] += noise.astype(targets.dtype)

@@ -34,8 +34,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import norm
-from statsmodels.stats.multitest import multipletests
 
+from analysis.statistics.tests import holm
 from benchmarks.peers import openevolve_command, search_cost, serving
 from benchmarks.written import interval
 from tacevo.api.space_tables import SpaceTable as Opened
@@ -112,8 +112,8 @@ class Space:
         self.table, self.opened = table, Opened(table)
         seeds, epochs = range(len(table.header.seeds)), table.header.settings.training.epochs
         verdicts = [[table.verdicts.get((row, seed)) for seed in seeds] for row in range(len(table.networks))]
-        lost = (math.nan,) * epochs
-        #: The validation loss, by network, seed, and number of epochs less one; not a number where a training failed.
+        lost = (math.inf,) * epochs
+        #: The validation loss, by network, seed, and number of epochs less one; infinite where a training failed.
         self.losses = np.array(
             [
                 [one.training.validation_losses if isinstance(one, FullTraining) else lost for one in row]
@@ -122,7 +122,7 @@ class Space:
         )
         #: The lowest so far.
         self.lowest = np.minimum.accumulate(self.losses, axis=2)
-        #: The test loss, by network and seed.
+        #: The test loss, by network and seed; not a number where a training failed.
         self.tests = np.array(
             [[table.test_loss(row, seed) for seed in seeds] for row in range(len(verdicts))], dtype=float
         )
@@ -316,10 +316,10 @@ def mean(space: Space, handed: Sequence[Handed], against: Sequence[Handed] = (),
     """Return the mean log test loss of what searches handed over, less that of others.
 
     Where they are `paired`, the searches of both have the same luck one by one, so their differences vary less. The
-    error is of the searches, and of the training seeds that judge, those of `SpaceTable.unseen_loss`: searches which
+    error is of the searches, and of the training seeds that judge, those of `judged_loss`: searches which
     hand the same network over share its judges, so that many searches do not make them more. The noise of a seed is
-    taken as that of the networks here, of each under the seeds of which some judge it. Where a training of a network
-    that was handed over failed, the mean is infinite and has no error.
+    taken as that of the networks here, of each under the seeds of which some judge it. No error is known where
+    a loss is not finite, since a training failed, or since a network is perfect.
     """
     fresh, cells = fresh_losses(space.table), Counter[tuple[int, int]]()
     losses = [
@@ -355,7 +355,8 @@ def written(one: Mean) -> str:
 
 def p_value(one: Mean) -> float:
     """Return the two-sided p of a difference that is 0 by the null hypothesis (normal)."""
-    if not one.error > 1e-9:  # none at all; or but for the last bits: the same networks, judged by the same seeds
+    same = one.error < 1e-9  # but for the last bits: the same networks, judged by the same seeds
+    if same or math.isnan(one.error):  # without an error nothing is known
         return 1.0
     return 2 * float(norm.sf(abs(one.value / one.error)))
 
@@ -382,13 +383,13 @@ def table(space: Space, ways: Mapping[str, Any]) -> str:
                 compared.append((name, budget, mean(space, handed, of_budget(ways[rival], number))))
         lines.append(f"| {name} | {len(found['searches'])} | {' | '.join(shown)} |")
     p = [p_value(one) for _, _, one in compared]
-    holm = multipletests(p, method="holm")[1]
+    corrected_p = holm(p) if p else ()
     lines += [
         "",
         "| beside draws | epochs | loss, of theirs [95 %] | p | after Holm | networks |",
         "|---|---|---|---|---|---|",
     ]
-    for (name, budget, one), single, corrected in zip(compared, p, holm, strict=True):
+    for (name, budget, one), single, corrected in zip(compared, p, corrected_p, strict=True):
         lines.append(f"| {name} | {budget} | {written(one)} | {single:.3g} | {corrected:.3g} | {one.networks} |")
     return "\n".join(lines)
 

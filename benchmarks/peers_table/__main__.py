@@ -1,7 +1,8 @@
 """Optimisers of others on the table of a space: what each hands over after a few trainings.
 
     make bench-table
-    python -m benchmarks.peers_table --table FILE --results FILE    # another table; the page is left alone
+    # another table; the page is left alone
+    PYTHONHASHSEED=0 python -m benchmarks.peers_table --table FILE --results FILE
 
 Nothing is timed, so one contender searches after the other. What is known is written after each search: the same
 command goes on where it was stopped, until each contender has so many. A search hands over once for each budget: its
@@ -13,6 +14,7 @@ import argparse
 import datetime
 import importlib
 import json
+import os
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -24,7 +26,6 @@ from benchmarks.peers_table.figures import REFERENCE, table
 from benchmarks.reach import Space
 from benchmarks.record import with_table
 from tacevo.api.space_problems import SpaceProblem
-from tacevo.api.space_tables import open_table
 from tacevo.environment import checked_out
 from tacevo.records import to_json
 from tacevo.results.space_table import read_table
@@ -112,15 +113,19 @@ def begun(results: Path, digest: str, rivals: dict[str, Contender]) -> dict[str,
     """Return what a file holds, or a beginning without a search.
 
     Raises:
-        RuntimeError: it is of another table, of other contenders, or of other versions of their libraries.
+        RuntimeError: hashes of texts are random; or the file is of another table, of other contenders, or of other
+            versions of their libraries.
     """
+    if os.environ.get("PYTHONHASHSEED") != "0":
+        raise RuntimeError("expected the environment to set PYTHONHASHSEED=0, or SMAC3's searches do not repeat")
     libraries = {name: version(name) for name in LIBRARIES}
     asked = {"table": digest, "epochs": EPOCHS, "budgets": list(BUDGETS), "libraries": libraries}
     names = {name: epochs for name, (epochs, _) in rivals.items()}
     if not results.exists():
         return {**asked, "contenders": {n: {"epochs": e, "searches": [], "trained": []} for n, e in names.items()}}
     measured: dict[str, Any] = json.loads(results.read_text(encoding="utf-8"))
-    if {key: measured.get(key) for key in asked} != asked or measured["contenders"].keys() != names.keys():
+    known = {name: one["epochs"] for name, one in measured["contenders"].items() if "searches" in one}
+    if {key: measured.get(key) for key in asked} != asked or known != names:
         raise RuntimeError(f"{results} holds other searches; move it away, or name another file with --results")
     return measured
 
@@ -142,7 +147,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = [*OPTIMISERS, *OURS]
     if unknown := [name for name in given.only or () if name not in names]:
         parser.error(f"--only: expected some of {'; '.join(names)}; got {'; '.join(unknown)}")
-    space, problem = Space(read_table(given.table)), open_table(given.table).as_problem()
+    space = Space(read_table(given.table))
+    problem = space.opened.as_problem()
     rivals = contenders(space.table, problem)
     measured = begun(given.results, space.table.digest, rivals)
     for name in given.only or rivals:

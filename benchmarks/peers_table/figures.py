@@ -40,7 +40,6 @@ def table(space: Space, measured: Mapping[str, Any]) -> Iterator[str]:
     for name in sorted(means, key=lambda name: means[name][-1].value):
         cells = []
         for at, one in enumerate(means[name]):
-            shown, interval = written(one).split(" ", 1)
-            mark = r"\*" if (name, at) in told else ""
-            cells.append(f"{f'**{shown}**' if name == best[at] else shown}{mark} {interval}")
+            mark = r" \*" if (name, at) in told else ""
+            cells.append(f"**{written(one)}**{mark}" if name == best[at] else f"{written(one)}{mark}")
         yield f"| {name} | {means[name][0].searches} | {' | '.join(cells)} |"

@@ -102,13 +102,16 @@ def test_failed_network_is_left_out() -> None:
 
 def test_noise_is_on_the_labels_that_train_alone(place: Path) -> None:
     """What is validated and tested stays exact; the data set has another fingerprint, so nothing is recalled for it."""
-    made = load_data(compose(["experiment=demo", "task=hardness", "data.images=20", f"store.root={place}"]), Progress())
+    overrides = ["experiment=demo", "data.images=200", "data.image_size=32", f"store.root={place}"]
+    made, classes = (load_data(compose([*overrides, f"task={task}"]), Progress()) for task in ("hardness", "grating"))
     noisy = with_noise(made, 0.1)
     held_out = np.concatenate([made.validation, made.test])
     assert np.array_equal(noisy.targets[held_out], made.targets[held_out])
-    assert (noisy.targets[made.train] != made.targets[made.train]).all()
+    assert np.std(noisy.targets[made.train] - made.targets[made.train]) == pytest.approx(0.1, rel=0.5)
     assert noisy.facts.fingerprint != made.facts.fingerprint
     assert with_noise(made, 0.0) is made
+    with pytest.raises(ValueError, match="classes"):
+        with_noise(classes, 0.1)
 
 
 def test_page_shows_the_pilots() -> None:

@@ -50,6 +50,14 @@ def test_fittest_network_that_the_budget_pays_for_is_handed_over() -> None:
     assert handed_over(visits, 5, (10, 15)) == [Handed(1, (1,)), Handed(1, (1,))]
 
 
+def test_network_that_failed_is_not_handed_over(place: Path) -> None:
+    """Even if it came first."""
+    failing = Space(made_up_table(place / "table.zip", *TINY, "training.epochs=10", failing=3))
+    visits = [failing.visit(row, 0, 10) for row in (3, 4)]
+    assert handed_over(visits, 10, (20,)) == [Handed(4, (0,))]
+    assert np.isinf(mean(failing, [Handed(3, (0,))] * 2).value)
+
+
 def test_seed_that_chose_does_not_judge(space: Space) -> None:
     """Whatever its test loss is; the mean is of logarithms."""
     expected = float(np.log(space.tests[3, [0, 2]]).mean())
