@@ -30,7 +30,7 @@ def table(space: Space, measured: Mapping[str, Any]) -> Iterator[str]:
     contenders = {name: one for name, one in measured["contenders"].items() if len(one["searches"]) > 1}
     budgets = measured["budgets"]
     means = {name: [mean(space, of_budget(one, at)) for at in range(len(budgets))] for name, one in contenders.items()}
-    best = [min(means, key=lambda name, at=at: means[name][at].value) for at in range(len(budgets)) if means]
+    lowest = [min((of_all[at].value for of_all in means.values()), default=0.0) for at in range(len(budgets))]
     told = differs(space, contenders, len(budgets))
     libraries = ", ".join(f"{name} {number}" for name, number in measured["libraries"].items())
     yield f"Measured on {measured['date']}, with {libraries}."
@@ -41,5 +41,5 @@ def table(space: Space, measured: Mapping[str, Any]) -> Iterator[str]:
         cells = []
         for at, one in enumerate(means[name]):
             mark = r" \*" if (name, at) in told else ""
-            cells.append(f"**{written(one)}**{mark}" if name == best[at] else f"{written(one)}{mark}")
+            cells.append(f"**{written(one)}**{mark}" if one.value == lowest[at] else f"{written(one)}{mark}")
         yield f"| {name} | {means[name][0].searches} | {' | '.join(cells)} |"
