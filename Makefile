@@ -135,7 +135,7 @@ bench-quick: $(PEERS)/.ready ## run each of its benchmarks once on next to nothi
 	$(BIN)/python -m benchmarks --quick
 
 # SMAC3's searches were seen to repeat with one seed of Python's hashes, and not without.
-bench-table: $(TABLE_PEERS)/.ready ## let optimisers of others search the table of a space (an hour and a half of a core)
+bench-table: $(TABLE_PEERS)/.ready ## let optimisers of others search the table of a space (an hour of a core)
 	OMP_NUM_THREADS=1 PYTHONHASHSEED=0 $(TABLE_PEERS)/bin/python -m benchmarks.peers_table
 
 # As it stood when it answered, with the code of then: make answered NAME="evidence --trials 200"
