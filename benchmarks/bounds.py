@@ -1,7 +1,7 @@
 """Do parents by a lower bound help? A way of our own (`benchmarks.bounded_parents`), on the table of a space.
 
     python -m benchmarks.bounds                    # the figures of the searches in results/bounds.json
-    python -m benchmarks.bounds --searches 400     # searches on until there are so many of each way
+    python -m benchmarks.bounds --searches 400     # searches until so many of each way are recorded
 
 All is as in `benchmarks.reach`, whose searches of the same seeds are the rivals: ten epochs a training, one network
 handed over after each budget, judged by seeds that have not chosen it. The search as published has the same first
@@ -79,6 +79,8 @@ def main() -> None:
     least, most = 2, len(rivals[PUBLISHED]["searches"])
     if options.searches and not least <= options.searches <= most:
         parser.error(f"--searches: expected {least} to {most}, which have a rival each; got {options.searches}")
+    if not options.searches and not RESULTS.exists():
+        parser.error(f"no searches are recorded in {RESULTS}; give --searches")
     ways = reach.reach(space, RESULTS, options.searches, 0, ways_of)
     print("\n".join(table_lines(space, ways, rivals)))
 

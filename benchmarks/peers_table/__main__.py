@@ -17,6 +17,7 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -113,11 +114,8 @@ def begun(results: Path, digest: str, rivals: dict[str, Contender]) -> dict[str,
     """Return what a file holds, or a beginning without a search.
 
     Raises:
-        RuntimeError: hashes of texts are random; or the file is of another table, of other contenders, or of other
-            versions of their libraries.
+        RuntimeError: it is of another table, of other contenders, or of other versions of their libraries.
     """
-    if os.environ.get("PYTHONHASHSEED") != "0":
-        raise RuntimeError("expected the environment to set PYTHONHASHSEED=0, or SMAC3's searches do not repeat")
     libraries = {name: version(name) for name in LIBRARIES}
     asked = {"table": digest, "epochs": EPOCHS, "budgets": list(BUDGETS), "libraries": libraries}
     names = {name: epochs for name, (epochs, _) in rivals.items()}
@@ -134,7 +132,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Search, and write what comes out: all of it as JSON, and the project's table into the page.
 
     Raises:
-        SystemExit: the arguments are others than it knows; nothing is searched.
+        SystemExit: the arguments are others than it knows, hashes of texts are random, or a library is missing; nothing
+            is searched.
     """
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--table", type=Path, default=TABLE, help="the table of a space")
@@ -147,6 +146,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = [*OPTIMISERS, *OURS]
     if unknown := [name for name in given.only or () if name not in names]:
         parser.error(f"--only: expected some of {'; '.join(names)}; got {'; '.join(unknown)}")
+    if os.environ.get("PYTHONHASHSEED") != "0":
+        parser.error("expected the environment to set PYTHONHASHSEED=0, or SMAC3's searches do not repeat")
+    if missing := [name for name in LIBRARIES if find_spec(name) is None]:
+        parser.error(f"{', '.join(missing)} not installed here; `make bench-table` makes build/table-peers")
     space = Space(read_table(given.table))
     problem = space.opened.as_problem()
     rivals = contenders(space.table, problem)
