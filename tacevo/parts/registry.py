@@ -108,12 +108,11 @@ def find(kind: Kind, name: str) -> Part:
         sellers = " and ".join(sorted(_of(kind, point).origin for point in found))
         raise ConfigError(f"{name}, which {sellers} have", place=kind.setting, expected="a part of one package")
     known = names(kind)
-    raise ConfigError(
-        repr(name),
-        place=kind.setting,
-        expected=f"one of {', '.join(known)}, or FILE.py:CLASS",
-        remedy=nearest(name, known, f"`tacevo parts {kind.name}` lists them"),
-    )
+    remedy = nearest(name, known, f"`tacevo parts {kind.name}` lists them")
+    if "(" in name:  # as of a call
+        remedy = "give settings of a part apart, as `parts.CLASS.FIELD=VALUE`"
+    expected = f"one of {', '.join(known)}, or FILE.py:CLASS"
+    raise ConfigError(repr(name), place=kind.setting, expected=expected, remedy=remedy)
 
 
 def load(kind: Kind, name: str) -> Any:

@@ -153,6 +153,13 @@ def test_unknown_part_is_answered_with_the_nearest(setting: str, close: str) -> 
         compose(["experiment=demo", setting])
 
 
+def test_part_with_settings_in_its_name_is_told_where_they_go() -> None:
+    """As a caller of a class would write them."""
+    named = f"data.source='{LAB}/mylab.py:Robot(touches=7)'"
+    with refused(ConfigError, place="data.source", expected="FILE.py:CLASS", remedy="parts.CLASS.FIELD=VALUE"):
+        compose(["experiment=demo", named])
+
+
 def _given(**own: object) -> Given:
     settings = {"source": "robot", "root": None, "image_size": 32}
     return Given(group="data", settings=settings, own=own, task="force", root=Path())  # type: ignore[arg-type]
