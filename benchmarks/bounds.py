@@ -17,7 +17,8 @@ from typing import Any
 from analysis.statistics.tests import holm
 from benchmarks import reach
 from benchmarks.bounded_parents import LowerBound
-from benchmarks.reach import BUDGETS, Mean, Space, Way, mean, of_budget, p_value, searched, written
+from benchmarks.judging import Mean, Space, mean, of_budget, p_value, written
+from benchmarks.reach import BUDGETS, Way, searched
 from tacevo.config.compose import compose
 from tacevo.results.space_table import read_table
 

@@ -9,7 +9,7 @@ fitness towards what a model expects of such networks. The model is that of the 
 space alone. Last, a search that draws the next network by a random sample of such a model (Thompson 1933), the bar for
 any way that knows the genes.
 
-Every way draws networks of the table, none twice. The judges have not chosen (`benchmarks.reach.mean`). The plan says
+Every way draws networks of the table, none twice. The judges have not chosen (`benchmarks.judging.mean`). The plan says
 which comparison was fixed before the table's judge was looked at. Ten minutes of a core.
 """
 
@@ -25,8 +25,9 @@ from sklearn.linear_model import BayesianRidge
 
 import tacevo
 from benchmarks.handed_over import against_baseline, studied
+from benchmarks.judging import Handed, Space, mean, written
 from benchmarks.pilot import Pilot, pilot_of, recorded
-from benchmarks.reach import BUDGETS, Handed, Space, mean, written
+from benchmarks.reach import BUDGETS
 from benchmarks.written import geometric_mean
 from tacevo.evolution.surrogate import features, fit
 from tacevo.randomness import stream

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from analysis.statistics.seed_noise import agreement, deviations, icc, reliability, shrunken
 from analysis.statistics.spaces import best_unseen_loss, worth_by_epochs
-from benchmarks.reach import Space, at_random, handed_over, mean
+from benchmarks.judging import Space, mean
+from benchmarks.reach import at_random, handed_over
 from benchmarks.written import interval
 from tacevo.results.gene_model import put_first
 from tacevo.results.judged_loss import fresh_losses, mean_log_loss

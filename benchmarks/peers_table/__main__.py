@@ -21,10 +21,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from benchmarks.judging import Space
 from benchmarks.peers_table import ours
 from benchmarks.peers_table.asking import Genes, Optimiser, Visit, handed_over, visits
 from benchmarks.peers_table.figures import REFERENCE, table
-from benchmarks.reach import Space
 from benchmarks.record import with_table
 from tacevo.api.space_problems import SpaceProblem
 from tacevo.environment import checked_out

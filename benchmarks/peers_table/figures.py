@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from analysis.statistics.tests import holm
-from benchmarks.reach import Space, mean, of_budget, p_value, written
+from benchmarks.judging import Space, mean, of_budget, p_value, written
 
 #: The contender that all others are compared with.
 REFERENCE = "random draws"

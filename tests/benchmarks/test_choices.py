@@ -11,8 +11,8 @@ from made_up import TINY, made_up_table
 from numpy.typing import NDArray
 
 from benchmarks.choices import SEARCHED, Choices, Drawn, in_pilot, in_searches
+from benchmarks.judging import Space
 from benchmarks.pilot import Pilot
-from benchmarks.reach import Space
 
 pytestmark = pytest.mark.room("table", "noise", "surrogate", "grammar")
 

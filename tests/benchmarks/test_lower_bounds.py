@@ -12,7 +12,8 @@ from checkout import ROOT
 from benchmarks import reach
 from benchmarks.bounded_parents import LEAST, LowerBound, estimates, seen
 from benchmarks.bounds import RESULTS, table_lines
-from benchmarks.reach import Space, searched
+from benchmarks.judging import Space
+from benchmarks.reach import searched
 from tacevo.config.compose import compose
 from tacevo.parts import Population
 from tacevo.results.run import read_run

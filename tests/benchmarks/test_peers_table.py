@@ -11,13 +11,13 @@ import pytest
 from made_up import TINY, made_up_table
 
 import tacevo
+from benchmarks.judging import Handed, Space, mean
 from benchmarks.peers_table import ours
 from benchmarks.peers_table.__main__ import PAGE, RESULTS, TABLE, main, row_of
 from benchmarks.peers_table.asking import MOST_ASKED, Choices, Genes, Optimiser, Visit, handed_over, visits
 from benchmarks.peers_table.by_pyribs import map_elites
 from benchmarks.peers_table.figures import REFERENCE, differs, table
 from benchmarks.peers_table.plain import POPULATION, draws, regularised_evolution
-from benchmarks.reach import Handed, Space, mean
 from tacevo.api.space_problems import SpaceProblem
 from tacevo.results.space_table import read_table
 from tacevo.results.table_records import SpaceTable

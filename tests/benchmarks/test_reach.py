@@ -9,15 +9,12 @@ import pytest
 from checkout import ROOT
 from made_up import TINY, made_up_judge, made_up_table
 
+from benchmarks.judging import Handed, Space, Visit, mean
 from benchmarks.reach import (
     BUDGETS,
     RESULTS,
-    Handed,
-    Space,
-    Visit,
     at_random,
     handed_over,
-    mean,
     reach,
     searched,
     table,

@@ -5,7 +5,7 @@ import re
 import pytest
 from checkout import ROOT
 
-from benchmarks.reach import Space
+from benchmarks.judging import Space
 from benchmarks.space import figures, judged, worths
 from tacevo.api.space_tables import SpaceTable, open_table
 from tacevo.reproduce.space_table import verify_table
