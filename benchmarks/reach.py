@@ -5,7 +5,7 @@
 
 A user spends a budget and takes one network. So a way to search trains until its budget is spent, hands over the
 fittest network that it has trained by then, once, and is judged by the mean logarithm of its test loss under seeds that
-the search has not seen (`analysis.statistics.spaces.unseen_loss`). Nothing is looked at before the budget is spent, and
+the search has not seen (`benchmarks.judging.mean`). Nothing is looked at before the budget is spent, and
 no test loss decides when to stop.
 
 All ways look the same trainings up, in the table that comes with the project (docs/table.md): of a search and a network
